@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from dolfinx_ffr.plotting.style import DARK, save, styled_figure, tidy
+from dolfinx_ffr.plotting.style import DARK, styled_figure, tidy
 
 #: One number or word for each column of a table; rows may hold more than the columns
 Rows = Sequence[Mapping[str, Any]]
@@ -88,10 +88,8 @@ class Study:
     ) -> Iterator[list[Axes]]:
         """Panels to draw into, in rows; the picture is written afterwards."""
         file = f"{name or self.name}.png"
-        with styled_figure(*size) as figure:
+        with styled_figure(*size, self.directory / file) as figure:
             yield list(figure.subplots(lines, columns, squeeze=False).flat)
-            figure.tight_layout(w_pad=2.0, h_pad=2.0)
-            save(figure, self.directory / file)
         self.pictures.append(f"![{caption}]({file})\n")
 
     def write(self) -> list[Table]:

@@ -130,7 +130,6 @@ def main(arguments: list[str] | None = None) -> None:
     # %% Numbers and pictures
     draw(result, output, full=solid, volume=VOLUME)
     ffr.plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
-    ffr.plotting.plot_crank_motion(evaluation.trajectory, output / "crank_motion.png", comm=comm)
     numbers: dict[str, Any] = {f"compliance_{name}": psi for name, psi in compliance.items()}
     numbers |= {"steps": problem.integrator.steps, "seconds_total": perf_counter() - start}
     numbers |= {"references": compliance, "most": (0.55 if options.densities else 0.49) * solid}

@@ -588,8 +588,6 @@ class Scene:
             psi_solid=some(POSITIVE),
             volume_bound=(0.0, "1", math.nan),
         )
-        turn = {"source": CRANK.angle, "end_time": 1.0}
-        yield row(plotting.plot_crank_motion, "comm end_time", turn, source=MOTION)
         curves = ({"a": 1.0}, {"a": {"b": 1.0}}, {"a": {"b": ([0.0], [0.0, 1.0])}}, {"a": {1: 1}})
         panels = {"panels": {"psi": {"run": ([0.0, 1.0], [1.0, 2.0])}}}
         wrong = (*MAPPING, {}, *curves)
@@ -602,15 +600,14 @@ class Scene:
         yield row(plotting.plot_modes, "body reduced")
         fields = (*MAPPING, {"x": full[1:]}, {"x": "1"})
         yield self.row(plotting.mesh_grid, "domain", {"fields": {"x": full}}, fields=fields)
-        colors = {"color": (*TEXT[:3], "red"), "deformation_scale": scale}
-        yield row(plotting.plot_scene, "problem evaluation", time=(*scale, 1.0), **colors)
+        colors = (*TEXT[:3], "red")
+        yield row(plotting.plot_scene, "problem evaluation", time=(*scale, 1.0), color=colors)
         film = {"path": self.folder / "motion.gif", "frames": 2}
         yield row(
             plotting.animate_motion,
             "problem evaluation frames_per_second",
             film,
             frames=(*COUNT, 1),
-            deformation_scale=scale,
         )
 
 

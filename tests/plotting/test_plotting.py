@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 from shared.problems import four_bar, slider_crank
@@ -21,7 +21,6 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting import (
     animate_motion,
     mesh_grid,
-    plot_crank_motion,
     plot_design,
     plot_history,
     plot_modes,
@@ -217,7 +216,6 @@ def test_dark_share_of_a_design_is_its_volume(tmp_path: Path, cell: str) -> None
     void = dark(np.zeros(domain.n_cells), "void")
     solid = dark(np.ones(domain.n_cells), "solid")
     assert (dark(some, "some") - void) / (solid - void) == pytest.approx(share, abs=0.02)
-    assert solid - void == pytest.approx(1500 * 150, rel=0.03)
 
 
 def test_shade_is_the_density(tmp_path: Path) -> None:
@@ -237,8 +235,7 @@ def test_interfaces_are_marked_in_colour(tmp_path: Path) -> None:
     domain = rod(MPI.COMM_SELF)
     picture = pixels(plot_design(domain, np.zeros(domain.n_cells), tmp_path / "x.png"))
     left, right = (near(picture, color).sum(axis=0) for color in ACCENTS[:2])
-    height = 0.9 * 150
-    first, second = np.flatnonzero(left > height), np.flatnonzero(right > height)
+    first, second = (np.flatnonzero(count > 0.9 * count.max()) for count in (left, right))
     assert len(first) >= 3 and len(second) >= 3
     width = picture.shape[1]
     assert first.max() < 0.15 * width and second.min() > 0.8 * width
@@ -365,12 +362,13 @@ def test_heading_of_a_panel_stays_clear_of_its_value(
 ) -> None:
     """However long both are."""
     drawn = []
+    write = Figure.savefig
 
-    def save(figure: Any, path: Path) -> None:
-        figure.savefig(path)
+    def savefig(figure: Figure, path: Path) -> None:
+        write(figure, path)
         drawn.append(figure)
 
-    monkeypatch.setattr("dolfinx_ffr.plotting.style.save", save)
+    monkeypatch.setattr(Figure, "savefig", savefig)
     k = 1e-5 * np.arange(1.0, 3.456)
     columns = {"mode_error": k, "psi": k / 7.0, "frequency": k / 7.0, "volume": k / 7.0}
     columns = dict(list(columns.items())[:count])
@@ -378,17 +376,6 @@ def test_heading_of_a_panel_stays_clear_of_its_value(
     for axes in drawn[0].axes:
         left, right = (text.get_window_extent() for text in (axes._left_title, axes._right_title))
         assert left.x1 < right.x0 - 5.0 or left.y0 > right.y1
-
-
-def test_crank_motion_of_a_trajectory_is_that_of_its_motion(solved: Solved, tmp_path: Path) -> None:
-    motion = ffr.Motion.smooth_step(10.0 * np.pi, 2.0)
-    a = pixels(plot_crank_motion(motion, tmp_path / "a.png", end_time=2.0, title="Crank"))
-    b = pixels(plot_crank_motion(solved.evaluation.trajectory, tmp_path / "b.png", title="Crank"))
-    assert np.array_equal(a, b)
-    # three curves, each across the whole diagram
-    assert np.mean(near(a, "#0b62a4").any(axis=0)) > 0.75
-    with pytest.raises(ValueError, match="end_time = None must be given"):
-        plot_crank_motion(motion, tmp_path / "a.png")
 
 
 def test_modes_do_not_depend_on_their_signs(solved: Solved, tmp_path: Path) -> None:
@@ -457,8 +444,8 @@ def test_crank_is_found_from_its_motion(solved: Solved) -> None:
 def test_scene_shows_joints_and_springs_of_every_kind(tmp_path: Path) -> None:
     press_ = press()
     scene = gathered(press_, [0, 100])
-    seen = scene.seen(1.0)
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    points = scene.visible_points(1.0)
+    low, high = points.min(axis=0), points.max(axis=0)
     assert low == pytest.approx([-0.2, -0.2], abs=0.06)  # foot of the strut, axle of the wheel
     assert high == pytest.approx([0.5, 0.2], abs=0.06)  # carriage, top of the spring
     picture = pixels(plot_scene(press_.problem, press_.evaluation, tmp_path / "x.png", time=0.1))
@@ -476,15 +463,13 @@ def test_scene_shows_crank_design_and_names(solved: Solved, tmp_path: Path) -> N
 
 
 def test_void_is_left_out(solved: Solved, tmp_path: Path) -> None:
-    """The share of the body's picture that has a colour is that of the solid cells."""
+    """The dark share of the body's picture is that of the solid cells."""
     domain = solved.body.domain
     full = solved.problem.value(np.ones(domain.n_cells))
     counts = []
     for evaluation in (solved.evaluation, full):
-        how = {"time": 0.9, "color": "energy", "deformation_scale": 1.0}
-        path = plot_scene(solved.problem, evaluation, tmp_path / "x.png", **how)
-        below_the_heading = pixels(path)[120:]
-        counts.append(np.count_nonzero(np.ptp(below_the_heading, axis=2) > 30.0))
+        path = plot_scene(solved.problem, evaluation, tmp_path / "x.png", time=0.9)
+        counts.append(np.count_nonzero(near(pixels(path), "#1e1e1e", 12.0)))
     share = domain.sum((ladder(domain) > 0.5) * domain.cell_volumes) / domain.area
     assert counts[0] / counts[1] == pytest.approx(share, abs=0.04)
 
@@ -522,7 +507,7 @@ def test_film_has_its_frames_and_shows_the_motion(solved: Solved, tmp_path: Path
     for a, b in pairwise(pictures[2:-2]):  # it moves from rest to rest
         assert np.mean(np.any(a != b, axis=2)) > 0.005
     # what stands still does not flicker: the heading above, the axes below
-    assert all(np.array_equal(p[:35, :500], pictures[0][:35, :500]) for p in pictures)
+    assert all(np.array_equal(p[:35, :400], pictures[0][:35, :400]) for p in pictures)
     # the right end of the slider's block, which nothing covers, moves like the rod's end
     ends = [np.flatnonzero(near(p, "#b6bec8", 8.0).sum(axis=0) > 8)[-1] for p in pictures]
     steps = np.round(np.linspace(0, 200, 21)).astype(int)

@@ -8,7 +8,6 @@ Another kind of file is a ValueError, an argument of a wrong kind a TypeError.
 
 from __future__ import annotations
 
-from .diagrams import plot_crank_motion as plot_crank_motion
 from .diagrams import plot_curves as plot_curves
 from .diagrams import plot_history as plot_history
 from .fields import mesh_grid as mesh_grid

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import basix
 import numpy as np
 from dolfinx import mesh
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Array, Integers
@@ -45,31 +45,37 @@ class DrawnMesh:
     def of(domain: Domain) -> DrawnMesh:
         """Gather a body in the plane."""
         announce(domain.comm, "the drawing of a body")
-        kind, degree, lattice, pieces = _reference(domain)
+        cell_type, degree, lattice, pieces = _reference(domain)
         nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells]
-        x = domain.mesh.geometry.x[nodes][:, :, :2]
-        table = _shape_functions(kind, degree, lattice)
-        points = domain.on_rank_0(np.einsum("pn,cnd->cpd", table, x))
-        sides = [_points_on_facet(kind, i, lattice) for i in range(len(basix.topology(kind)[1]))]
+        corners = domain.mesh.geometry.x[nodes][:, :, :2]
+        table = _shape_functions(cell_type, degree, lattice)
+        points = domain.on_rank_0(np.einsum("pn,cnd->cpd", table, corners))
+        offsets = len(lattice) * np.arange(len(points), dtype=np.int64)
+
+        n_sides = len(basix.topology(cell_type)[1])
+        sides = [_points_on_facet(cell_type, side, lattice) for side in range(n_sides)]
         topology = domain.mesh.topology
-        facets = topology.connectivity(2, 1).array.reshape(-1, len(sides))[: domain.n_cells]
-        chosen = {"": mesh.exterior_facet_indices(topology)}
-        chosen.update({name: part.facets for name, part in domain.interfaces.items()})
-        first = len(lattice) * np.arange(len(points), dtype=np.int64)
-        lines = {}
-        for name, part in chosen.items():
-            marked = domain.on_rank_0(np.isin(facets, part))
-            own = [first[marked[:, i]][:, None, None] + side for i, side in enumerate(sides)]
-            lines[name] = np.concatenate([each.reshape(-1, 2) for each in own])
-        parents = np.repeat(np.arange(len(points), dtype=np.int64), len(pieces))
-        every = (first[:, None, None] + pieces[None]).reshape(-1, pieces.shape[1])
-        outline = lines.pop("")
-        return DrawnMesh(points.reshape(-1, 2), every, parents, outline, lines, domain)
+        facets = topology.connectivity(2, 1).array.reshape(-1, n_sides)[: domain.n_cells]
+
+        def lines_on(chosen: NDArray[Any]) -> Integers:
+            """Lines along some facets."""
+            marked = domain.on_rank_0(np.isin(facets, chosen))
+            lines = [offsets[marked[:, i], None, None] + side for i, side in enumerate(sides)]
+            return np.concatenate([line.reshape(-1, 2) for line in lines])
+
+        return DrawnMesh(
+            points=points.reshape(-1, 2),
+            pieces=(offsets[:, None, None] + pieces).reshape(-1, pieces.shape[1]),
+            parents=np.repeat(np.arange(len(points), dtype=np.int64), len(pieces)),
+            outline=lines_on(mesh.exterior_facet_indices(topology)),
+            interfaces={name: lines_on(i.facets) for name, i in domain.interfaces.items()},
+            domain=domain,
+        )
 
     def displacements(self, block: Array) -> Array:
         """Fields (owned dofs, columns) at the points on rank 0, shape (points, 2, columns)."""
-        kind, _, lattice, _ = _reference(self.domain)
-        table = _shape_functions(kind, self.domain.order, lattice)
+        cell_type, _, lattice, _ = _reference(self.domain)
+        table = _shape_functions(cell_type, self.domain.order, lattice)
         fields = np.einsum("pn,cndk->cpdk", table, self.domain.on_cells(block))
         return self.domain.on_rank_0(fields).reshape(-1, 2, block.shape[1])
 
@@ -77,10 +83,9 @@ class DrawnMesh:
         """The pieces as a grid, on rank 0."""
         import pyvista  # takes a while
 
-        three = self.pieces.shape[1] == 3
-        kind = pyvista.CellType.TRIANGLE if three else pyvista.CellType.QUAD
+        cell_type = pyvista.CellType["TRIANGLE" if self.pieces.shape[1] == 3 else "QUAD"]
         points = np.column_stack([self.points, np.zeros(len(self.points))])
-        return pyvista.UnstructuredGrid({kind: self.pieces}, points)
+        return pyvista.UnstructuredGrid({cell_type: self.pieces}, points)
 
 
 def _reference(domain: Domain) -> tuple[basix.CellType, int, Array, Integers]:
@@ -91,7 +96,7 @@ def _reference(domain: Domain) -> tuple[basix.CellType, int, Array, Integers]:
 
 
 def _shape_functions(kind: basix.CellType, degree: int, points: Array) -> Array:
-    """The values of the Lagrange shape functions of a cell, shape (points, functions)."""
+    """Values of the Lagrange shape functions of a cell, shape (points, functions)."""
     element = basix.create_element(
         basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
     )
@@ -101,8 +106,8 @@ def _shape_functions(kind: basix.CellType, degree: int, points: Array) -> Array:
 def _lattice(kind: basix.CellType, n: int) -> tuple[Array, Integers]:
     """Points (points, 2) that cut the sides of the reference cell into n, and pieces between."""
     triangle = kind == basix.CellType.triangle
-    where = [(i, j) for j in range(n + 1) for i in range(n + 1 - j if triangle else n + 1)]
-    number = {position: k for k, position in enumerate(where)}
+    points = [(i, j) for j in range(n + 1) for i in range(n + 1 - j if triangle else n + 1)]
+    number = {point: k for k, point in enumerate(points)}
     pieces = []
     for i, j in number:
         if not triangle and i < n and j < n:
@@ -111,15 +116,16 @@ def _lattice(kind: basix.CellType, n: int) -> tuple[Array, Integers]:
             pieces.append([number[i, j], number[i + 1, j], number[i, j + 1]])
             if i + j < n - 1:
                 pieces.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
-    return np.array(where, dtype=np.float64) / n, np.array(pieces, dtype=np.int64)
+    return np.array(points, dtype=np.float64) / n, np.array(pieces, dtype=np.int64)
 
 
 def _points_on_facet(kind: basix.CellType, facet: int, lattice: Array) -> Integers:
-    """The lines between lattice points along a facet of the reference cell, (lines, 2)."""
-    a, b = basix.geometry(kind)[basix.topology(kind)[1][facet]][:, :2]
-    along, across = b - a, np.array([a[1] - b[1], b[0] - a[0]])
-    on = np.flatnonzero(np.abs((lattice - a) @ across) < 1e-9)
-    chain = on[np.argsort((lattice[on] - a) @ along)]
+    """Lines between lattice points along a facet of the reference cell, (lines, 2)."""
+    start, end = basix.geometry(kind)[basix.topology(kind)[1][facet]][:, :2]
+    along = end - start
+    normal = np.array([-along[1], along[0]])
+    on_facet = np.flatnonzero(np.abs((lattice - start) @ normal) < 1e-9)
+    chain = on_facet[np.argsort((lattice[on_facet] - start) @ along)]
     return np.column_stack([chain[:-1], chain[1:]]).astype(np.int64)
 
 
@@ -142,7 +148,7 @@ class DrawnBody:
     rotation: Array  #: (instants, d, d) of the frame
     elastic: Array  #: (instants, r) elastic coordinates
     density: Array  #: (cells,)
-    energy: Array  #: (instants, cells) strain energy density [J/m^3]; no columns if not asked for
+    energy: Array  #: (instants, cells) strain energy density [J/m^3]; no columns if not gathered
 
     def points(self, instant: int, magnification: float = 1.0) -> Array:
         """Where the points are drawn, shape (points, d) [m]."""
@@ -160,8 +166,8 @@ class DrawnBody:
         turn = self.markers[name].rotation @ self.elastic[instant]
         return np.asarray(self.rotation[instant] @ _rotation(turn))
 
-    def shades(self, instant: int) -> Array:
-        """What the colours of the cells tell, (cells,): the energy if asked for, or the density."""
+    def cell_values(self, instant: int) -> Array:
+        """Energy density of the cells if it was gathered, else their density, shape (cells,)."""
         return self.energy[instant] if self.energy.shape[1] else self.density
 
     def deflection(self, instant: int) -> float:
@@ -176,13 +182,13 @@ class DrawnBody:
         if not jointed:
             return points
         q = self.elastic[instant]
-        before = np.array([marker.position for marker in jointed])
-        after = before + np.array([marker.displacement @ q for marker in jointed])
-        middle, target = before.mean(axis=0), after.mean(axis=0)
+        undeformed = np.array([marker.position for marker in jointed])
+        deformed = undeformed + np.array([marker.displacement @ q for marker in jointed])
+        middle, target = undeformed.mean(axis=0), deformed.mean(axis=0)
         if len(jointed) == 1 and (self.welded or len(middle) == 3):
             turn = _rotation(jointed[0].rotation @ q)
         else:
-            turn = _similarity(before - middle, after - target)
+            turn = _similarity(undeformed - middle, deformed - target)
         return np.asarray(target + (points - middle) @ turn.T)
 
     def _moved(self, points: Array, displacement: Array, instant: int, scale: float) -> Array:
@@ -217,44 +223,16 @@ class Scene:
         trajectory = evaluation.trajectory
         mechanism = trajectory.model.mechanism
         bodies = {}
-        for name, integrals in trajectory.model.bodies.items():
-            held = [(joint, marker) for joint in mechanism.joints for marker in joint.markers]
-            own = [(j, m[1]) for j, m in held if isinstance(m, tuple) and m[0] == name]
-            elastic = trajectory.elastic(name)[steps]
-            mesh, density, fields = None, np.zeros(0), np.zeros((len(steps), 0))
-            markers, d = integrals.markers, trajectory.model.dimension
-            points = np.array([m.position for m in markers.values()]).reshape(-1, d)
-            shapes = np.array([m.displacement for m in markers.values()])
-            shapes = shapes.reshape(len(markers), d, integrals.modes)
+        for name in trajectory.model.bodies:
+            drawn = _rigid_body(name, trajectory, steps)
             if name in problem.flexible:
-                body, reduced = problem.flexible[name], evaluation.bodies[name]
-                mesh = gathered_mesh(body.domain)
-                points = mesh.points - body.reduction.origin
-                shapes = mesh.displacements(reduced.basis.shapes)
-                density = body.domain.on_rank_0(reduced.density)
-                if energy:
-                    volume = body.domain.cell_volumes * body.material.thickness
-                    energy_of = partial(body.elasticity.strain_energy, reduced.density)
-                    local = [energy_of(reduced.basis.shapes @ q) for q in elastic]
-                    fields = body.domain.on_rank_0((np.array(local) / volume).T).T
-            bodies[name] = DrawnBody(
-                name=name,
-                mesh=mesh,
-                reference=points,
-                shapes=shapes,
-                markers=markers,
-                jointed=list(dict.fromkeys(marker for _, marker in own)),
-                welded=all(joint.rigid for joint, _ in own),
-                position=trajectory.rigid(name)[steps, :d],
-                rotation=trajectory.rotation(name)[steps],
-                elastic=elastic,
-                density=density,
-                energy=fields,
-            )
+                drawn = _with_mesh(drawn, problem, evaluation, energy)
+            bodies[name] = drawn
         arms = {}
         for i, joint in enumerate(mechanism.joints):
-            for marker in (m for m in joint.markers if isinstance(m, Moving)):
-                if (arm := _arm(marker, trajectory)) is not None:
+            for marker in joint.markers:
+                arm = _arm(marker, trajectory) if isinstance(marker, Moving) else None
+                if arm is not None:
                     arms[i] = arm
         return Scene(mechanism, trajectory, steps, trajectory.t[steps], bodies, arms)
 
@@ -280,9 +258,11 @@ class Scene:
         at = self.times[instant : instant + 1]
         return np.asarray(marker.tabulate_in_space(at, "picture")[0, 0, :, : self.dimension])
 
-    def on_body(self, markers: Sequence[Marker], instant: int, magnification: float = 1.0) -> Array:
-        """Where the first of some markers that is on a body is drawn, shape (d,) [m]."""
-        marker = next(m for m in markers if isinstance(m, tuple))
+    def place_of(
+        self, markers: Sequence[Marker], instant: int, magnification: float = 1.0
+    ) -> Array:
+        """Where the first marker that is on a body is drawn, or else the first, (d,) [m]."""
+        marker = next((m for m in markers if isinstance(m, tuple)), markers[0])
         return self.position(marker, instant, magnification)
 
     def size(self) -> float:
@@ -290,21 +270,70 @@ class Scene:
         extents = [np.ptp(body.reference, axis=0) for body in self.bodies.values()]
         return float(max((np.max(extent) for extent in extents), default=1.0)) or 1.0
 
-    def seen(self, magnification: float) -> Array:
+    def visible_points(self, magnification: float) -> Array:
         """Points that reach as far as all that is drawn at all instants, shape (n, d) [m]."""
-        parts = [arm.ring for arm in self.arms.values()]
+        points = [arm.ring for arm in self.arms.values()]
         for body in self.bodies.values():
             for i in range(len(self.steps)):
-                points = body.points(i, magnification)
+                shape = body.points(i, magnification)
                 if self.dimension == 2:
-                    parts.append(np.array([points.min(axis=0), points.max(axis=0)]))
+                    points.append(np.array([shape.min(axis=0), shape.max(axis=0)]))
                 else:
-                    parts.append(points[:: max(1, len(points) // 500)])
-        # What has no symbol acts on angles alone: its place on the ground means nothing.
+                    points.append(shape[:: max(1, len(shape) // 500)])
+        # a connection without symbol acts on angles alone: its place on the ground means nothing
         connections = (*self.mechanism.joints, *self.mechanism.forces)
-        drawn = [m for part in connections for symbol in part.symbols for m in symbol.markers]
-        parts += [self.position(m, 0)[None] for m in drawn if isinstance(m, Ground)]
-        return np.concatenate(parts)
+        symbols = [symbol for connection in connections for symbol in connection.symbols]
+        markers = [marker for symbol in symbols for marker in symbol.markers]
+        points += [self.position(m, 0)[None] for m in markers if isinstance(m, Ground)]
+        return np.concatenate(points)
+
+
+def _rigid_body(name: str, trajectory: Trajectory, steps: Integers) -> DrawnBody:
+    """A body as its markers, without a mesh."""
+    markers = trajectory.model.bodies[name].markers
+    d, elastic = trajectory.model.dimension, trajectory.elastic(name)[steps]
+    shapes = np.array([marker.displacement for marker in markers.values()])
+    joints = trajectory.model.mechanism.joints
+    on_body = [
+        (j, m[1]) for j in joints for m in j.markers if isinstance(m, tuple) and m[0] == name
+    ]
+    return DrawnBody(
+        name=name,
+        mesh=None,
+        reference=np.array([marker.position for marker in markers.values()]).reshape(-1, d),
+        shapes=shapes.reshape(len(markers), d, elastic.shape[1]),
+        markers=markers,
+        jointed=list(dict.fromkeys(marker for _, marker in on_body)),
+        welded=all(joint.rigid for joint, _ in on_body),
+        position=trajectory.rigid(name)[steps, :d],
+        rotation=trajectory.rotation(name)[steps],
+        elastic=elastic,
+        density=np.zeros(0),
+        energy=np.zeros((len(steps), 0)),
+    )
+
+
+def _with_mesh(
+    body: DrawnBody, problem: Problem, evaluation: Evaluation, energy: bool
+) -> DrawnBody:
+    """The body with its mesh and design, and with strain energies if asked for; collective."""
+    flexible, reduced = problem.flexible[body.name], evaluation.bodies[body.name]
+    domain = flexible.domain
+    mesh = gathered_mesh(domain)
+    energies = body.energy
+    if energy:
+        volumes = domain.cell_volumes * flexible.material.thickness
+        fields = [reduced.basis.shapes @ q for q in body.elastic]
+        total = [flexible.elasticity.strain_energy(reduced.density, field) for field in fields]
+        energies = domain.on_rank_0((np.array(total) / volumes).T).T
+    return replace(
+        body,
+        mesh=mesh,
+        reference=mesh.points - flexible.reduction.origin,
+        shapes=mesh.displacements(reduced.basis.shapes),
+        density=domain.on_rank_0(reduced.density),
+        energy=energies,
+    )
 
 
 def gathered_mesh(domain: Domain) -> DrawnMesh | GatheredMesh:
@@ -314,9 +343,9 @@ def gathered_mesh(domain: Domain) -> DrawnMesh | GatheredMesh:
 
 def across(n: Array) -> Array:
     """A unit vector perpendicular to the unit vector ``n``, shape (3,)."""
-    e = np.eye(3)[int(np.argmin(np.abs(n)))]
-    e = e - (e @ n) * n
-    return np.asarray(e / np.linalg.norm(e))
+    axis = np.eye(3)[int(np.argmin(np.abs(n)))]
+    normal = axis - (axis @ n) * n
+    return np.asarray(normal / np.linalg.norm(normal))
 
 
 def _rotation(turn: Array) -> Array:

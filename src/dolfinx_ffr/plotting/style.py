@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
@@ -18,32 +18,38 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from .. import validation
+from ..arrays import Array
 from ..files import whole_file
 from ..parallel import on_rank_0
 
 #: Files that matplotlib writes here
 KINDS = (".png", ".pdf", ".svg")
 DARK, GRAY, LIGHT = "#22272e", "#7d8590", "#c9d1d9"
-#: Of bodies without a mesh
+#: Color of bodies without a mesh
 STEEL = "#57606a"
 BLUE, RED, GREEN, ORANGE = "#0b62a4", "#c8352b", "#2b8a4b", "#d9822b"
-#: Told apart by readers with any colour vision, in this order (interfaces, bodies)
+#: Colors of interfaces and curves, in an order that readers with any colour vision can distinguish
 ACCENTS = (BLUE, ORANGE, GREEN, "#8250df", RED, "#1b9e9e")
-#: From cool steel to glowing: legible on white, its lightness falls and its warmth grows
+#: Colormap of stress and energy, legible on white: its lightness falls and its warmth grows
 GLOW = LinearSegmentedColormap.from_list(
     "glow", ["#3b5b92", "#5fa8d3", "#a8d8b9", "#ffe28a", "#f79d4c", "#d7301f", "#7a0012"]
 )
-#: Background of what is written over a picture
+#: Background of text that is written over a picture
 LABEL = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
 
-#: Where it is not what matplotlib has by default
+#: Settings that differ from matplotlib's defaults
 _STYLE: dict[str, Any] = {
     "axes.titlesize": 11.0,
     "axes.labelcolor": DARK,
     "axes.edgecolor": GRAY,
     "axes.titlecolor": DARK,
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.h_pad": 0.1,
+    "figure.constrained_layout.w_pad": 0.1,
+    "figure.titlesize": 13.0,
     "grid.color": "#e4e8ec",
     "legend.frameon": False,
     "legend.fontsize": 9.0,
@@ -60,9 +66,9 @@ _STYLE: dict[str, Any] = {
 def styled_figure(
     width: float, height: float, file: Path | None = None, *, dpi: float = 150.0
 ) -> Iterator[Figure]:
-    """Give a figure (inches) without a screen, in the package's style, and write it at the end.
+    """Figure (inches) in the package's style, without a screen, laid out and written at the end.
 
-    The settings of matplotlib are put back.
+    The settings of matplotlib are restored.
     """
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
@@ -71,35 +77,65 @@ def styled_figure(
         FigureCanvasAgg(figure)
         yield figure
         if file is not None:
-            save(figure, file)
+            figure.savefig(file)
 
 
-def axes_at(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """New axes of a figure at a place in inches."""
-    x, y = figure.get_size_inches()
-    return figure.add_axes((left / x, bottom / y, width / x, height / y))
+@contextmanager
+def page(
+    file: Path,
+    headings: Iterable[str],
+    aspect: float,
+    *,
+    title: str = "",
+    columns: int = 1,
+    margin: float = 0.3,
+) -> Iterator[list[Axes]]:
+    """Axes of equal scales below each heading, in a figure that is written at the end.
+
+    The ``aspect`` is the height of a panel divided by its width, and ``margin`` the height [inches]
+    for a legend or a colour bar.
+    """
+    headings, width = list(headings), 10.4 if columns == 1 else 12.0
+    rows = -(-len(headings) // columns)
+    heading_height = 0.35 if any(headings) else 0.1
+    height = rows * (width / columns * min(aspect, 1.25) + heading_height) + margin
+    with styled_figure(width, height + (0.4 if title else 0.0), file) as figure:
+        figure.suptitle(title)
+        panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
+        for axes in panels[len(headings) :]:
+            axes.remove()
+        del panels[len(headings) :]
+        for axes, heading in zip(panels, headings, strict=True):
+            axes.set_title(heading)
+            axes.set_aspect("equal")
+            axes.set_axis_off()
+        yield panels
 
 
-def line_of_inches(figure: Figure, bottom: float) -> Axes:
-    """Axes for one line across a figure, in inches from its left end, 0.2 up and down."""
-    width = figure.get_figwidth() - 0.4
-    axes = axes_at(figure, 0.2, bottom, width, 0.4)
-    axes.set(xlim=(0.0, width), ylim=(-0.2, 0.2))
-    axes.set_axis_off()
-    return axes
+def add_color_bar(axes: list[Axes], colors: ScalarMappable, label: str, **options: Any) -> None:
+    """Draw a horizontal colour bar below some axes."""
+    figure: Any = axes[0].figure
+    place: dict[str, Any] = {"location": "bottom", "shrink": 0.5, "aspect": 40, "pad": 0.03}
+    figure.colorbar(colors, ax=axes, label=label, **place, **options)
 
 
-def name_accents(
-    axes: Axes, texts: Iterable[str], at: Sequence[float], size: float, inch: float = 1.0
-) -> None:
-    """Write texts in a row behind strokes of the `ACCENTS`; an inch is so long in the axes."""
-    inch *= size / 10.0
-    x, y = at
-    for text, color in zip(texts, cycle(ACCENTS), strict=False):
-        stroke = {"linewidth": 4.0, "solid_capstyle": "butt", "clip_on": False}
-        axes.plot([x, x + 0.3 * inch], [y, y], color=color, **stroke)
-        axes.text(x + 0.4 * inch, y, text, va="center", fontsize=size, clip_on=False)
-        x += (0.75 + 0.09 * len(text)) * inch
+def add_legend(axes: Axes, entries: Mapping[str, str], title: str = "") -> None:
+    """Name colours in one row below some axes."""
+    patches = [Patch(fc=color, ec=GRAY, lw=0.5, label=name) for name, color in entries.items()]
+    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}
+    axes.legend(handles=patches, ncol=len(patches), title=title, **place)
+
+
+def accents(names: Iterable[str]) -> dict[str, str]:
+    """One of the `ACCENTS` for each name."""
+    return dict(zip(names, cycle(ACCENTS), strict=False))
+
+
+def extent(points: Array) -> str:
+    """Size of the bounding box of points (n, d) [m] in words."""
+    sizes = np.ptp(points, axis=0)
+    unit, factor = ("m", 1.0) if sizes.max() >= 1.0 else ("mm", 1e3)
+    return " x ".join(f"{factor * size:.4g}" for size in sizes) + f" {unit}"
 
 
 def tidy(axes: Axes) -> None:
@@ -109,31 +145,8 @@ def tidy(axes: Axes) -> None:
     axes.grid(True)
 
 
-def color_bar(
-    figure: Figure,
-    colors: ScalarMappable,
-    label: str,
-    place: tuple[float, float, float],
-    **how: Any,
-) -> None:
-    """Draw a horizontal colour bar from left to right (shares), some inches below the top."""
-    height = figure.get_figheight()
-    left, right, below = place
-    bar = figure.add_axes((left, 1.0 - below / height, right - left, 0.13 / height))
-    figure.colorbar(colors, cax=bar, orientation="horizontal", **how)
-    bar.set_title(label, fontsize=9, pad=4.0, color=DARK)
-    bar.tick_params(labelsize=8, length=2.5, pad=2.0)
-    if "ticks" not in how:
-        bar.locator_params(nbins=5)
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure; its size in pixels is that of the figure."""
-    figure.savefig(path, dpi=figure.dpi)
-
-
 def writable(path: str | Path, title: str = "", suffixes: tuple[str, ...] = KINDS) -> Path:
-    """The path of a picture, or refuse its kind, and a title that is no text."""
+    """Check the path and the title of a picture."""
     path = validation.path("picture", path)
     validation.name("picture: title", title)
     if path.suffix.lower() not in suffixes:
@@ -145,7 +158,7 @@ def writable(path: str | Path, title: str = "", suffixes: tuple[str, ...] = KIND
 
 
 def written(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
-    """Let rank 0 write a picture, and make missing folders; errors are raised on all ranks."""
+    """Let rank 0 write a picture, and make missing folders."""
     validation.instance("picture: comm", comm, MPI.Comm, "an MPI communicator")
 
     def write() -> None:
@@ -158,7 +171,7 @@ def written(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
 
 
 def nice_number(value: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that does not exceed ``value``."""
+    """Largest of 1, 2, 5 times a power of ten that does not exceed ``value``."""
     if not (np.isfinite(value) and value > 0.0):
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
@@ -166,7 +179,7 @@ def nice_number(value: float) -> float:
 
 
 def prefixed(value: float, unit: str) -> tuple[str, float]:
-    """The unit with a prefix that suits a value, and the factor to it."""
+    """Unit with a prefix that suits a value, and the factor to it."""
     for prefix, size in (("M", 1e6), ("k", 1e3), ("", 1.0), ("m", 1e-3), ("µ", 1e-6)):
         if value >= size:
             return prefix + unit, 1.0 / size

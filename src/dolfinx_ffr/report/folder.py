@@ -27,7 +27,6 @@ PICTURES = {
     "part.png": ("The part, and enlarged where it is thinnest and tightest.", "plot_part"),
     "boundary.gif": ("The boundary of the part as it moves.", "animate_boundary"),
     "motion.gif": ("The mechanism in motion.", "animate_motion"),
-    "crank_motion.png": ("The prescribed motion over time.", "plot_crank_motion"),
     "stress.png": ("Largest von Mises stress over the motion.", "plot_stress"),
     "stress_before.png": ("The same before the boundary of the part was moved.", "plot_stress"),
     "modes.png": ("Shape functions of the body.", "plot_modes"),
