@@ -63,7 +63,7 @@ class NodeMotion(ABC, Generic[B]):
 class CurveMotion(NodeMotion[Boundary]):
     """Nodes of triangles of order 2 that follow curves: (controls, 2) of a `pullback`.
 
-    Nodes on a free curve move with it at fixed parameters, others on the boundary stay. Vertices
+    Nodes on a free curve move with it at fixed parameters, others on the outer edge stay. Vertices
     inside follow by Laplace's equation on the straight triangles, and middles of sides are in the
     middle of their ends where they are on no curve.
     """
@@ -74,10 +74,10 @@ class CurveMotion(NodeMotion[Boundary]):
         key = np.sort(sides, axis=1) @ np.array([len(x), 1])
         _, first, count = np.unique(key, return_index=True, return_counts=True)
         outer = sides[first[count == 1]]
-        edge = np.unique(outer)
         middles = np.concatenate([cells[:, local] for local in _MIDDLES])[first]
-        candidates = np.concatenate([edge, middles[count == 1]])
-        self._follow, on = _followers(boundary, x, candidates)
+        # of pockets, whose floors are meshed, too, the curves run through the mesh
+        self._follow, on = _followers(boundary, x, np.arange(len(x)))
+        edge = np.unique(np.concatenate([outer.ravel(), corners[on[corners]]]))
         loose = ~on[middles]
         self._middles, self._ends = middles[loose], sides[first][loose]
         self._edge = edge

@@ -55,7 +55,7 @@ from ..limits import PAIR, check_count
 from ..parallel import ROUND_OFF, on_every_rank
 from .density_filter import HeavisideProjection, check_neighbours
 from .mirrors import Mirror, Symmetry, images
-from .parametrization import SHARP, Design, finite_vector, steepness
+from .parametrization import SHARP, Design, checked_web, finite_vector, steepness
 from .rbf import Wendland, kernel_matrix, neighbours, strip_middle, strip_width
 from .rims import HoleRims
 
@@ -107,6 +107,11 @@ class LevelSet(Design):
             whatever the mesh, and without any of both the mesh's least.
         hole_rim: Width of the rim that stays solid around each hole of the body's drawing (in space
             each round bore), with a name or without [m]; by default `minimum_member`, 0 for none.
+            With a `web` there is such a rim along the outline, too.
+        web: Thickness of the web that stays where material is milled away, as a share of the
+            part's: pockets, from both sides to the same depth, take the place of holes. Then
+            `minimum_gap` is the least width of a pocket, and half of it the least radius of its
+            corners: those of the cutter. With 0, the default, holes are cut.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
             any mesh; see `mirror_lines` and `mirror_planes`.
         knots: Shape (knots, dimension) [m], the same on every rank; by default a regular grid over
@@ -130,6 +135,7 @@ class LevelSet(Design):
         minimum_member: float | None = None,
         minimum_gap: float | None = None,
         hole_rim: float | None = None,
+        web: float = 0.0,
         mirrors: Sequence[Mirror] = (),
         knots: ArrayLike | None = None,
         spacing: float | None = None,
@@ -145,7 +151,9 @@ class LevelSet(Design):
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
         #: Whether one of them was given, and is not that of the mesh
         self.sizes_asked = minimum_member is not None or minimum_gap is not None
-        self._rims = HoleRims(domain, self.minimum_member if hole_rim is None else hole_rim)
+        width = self.minimum_member if hole_rim is None else hole_rim
+        self.web = checked_web("level set", domain, web, width)
+        self._rims = HoleRims(domain, width, outline=self.web > 0.0)
         #: Width of the solid rim around each hole of the body's drawing [m]
         self.hole_rim = self._rims.width
         # smaller ones than the elements resolve are left to the steps of the boundary
@@ -358,10 +366,12 @@ class LevelSet(Design):
         f = self._at_points(variables)
         x = np.einsum("cq,cq->c", self._weights, self.projection(f))
         # the mean of values in [0, 1] may leave it by round-off
-        return np.where(self.domain.design_cells, np.clip(x, 0.0, 1.0), self.domain.passive_density)
+        x = self.with_web(np.clip(x, 0.0, 1.0))
+        return np.where(self.domain.design_cells, x, self.domain.passive_density)
 
     def pullback(self, variables: ArrayLike, x_bar: Array) -> Array:
-        bar = np.where(self.domain.design_cells, x_bar, 0.0)[:, None] * self._weights
+        thickness_bar = np.where(self.domain.design_cells, x_bar, 0.0)
+        bar = (1.0 - self.web) * thickness_bar[:, None] * self._weights
         f_bar = self.projection.pullback(self._at_points(variables), bar)
         f_bar[self._in_rims] = 0.0
         return summed(self.domain.comm, self._matrix.T @ f_bar.ravel())
@@ -508,7 +518,7 @@ class LevelSet(Design):
         return {
             "knots": self.knots,
             "radius": self.radius,
-            "sizes": [self.minimum_member, self.minimum_gap, self.hole_rim],
+            "sizes": [self.minimum_member, self.minimum_gap, self.hole_rim, self.web],
             # numbers, some of which are zero but for their last bits
             "mirrors": np.array([[*m.point, *m.normal] for m in self.mirrors]),
             "cells": self.domain.n_cells_global,

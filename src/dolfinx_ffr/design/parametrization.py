@@ -130,6 +130,9 @@ class Design(Variables):
     sharpness: float = SHARP
     #: Width of the rim around each hole of the body's drawing that the design keeps solid [m]
     hole_rim: float = 0.0
+    #: Thickness of the web that stays where material is milled away, as a share of the part's; zero
+    #: where holes are cut
+    web: float = 0.0
     #: Whether a density is the share of its element that the boundary encloses
     fills: ClassVar[bool] = False
 
@@ -140,6 +143,10 @@ class Design(Variables):
 
     def point(self, variables: Array) -> Array:
         return self.density(variables)
+
+    def with_web(self, x: Array) -> Array:
+        """Thickness as a share of the part's, of cells (cells,) of which a share x stays."""
+        return np.where(self.domain.void_cells, x, self.web + (1.0 - self.web) * x)
 
     @abstractmethod
     def density(self, variables: Array) -> Array:
@@ -181,6 +188,7 @@ class DensityDesign(Design):
         hole_rim: Width of the rim that stays solid around each hole of the body's drawing (in space
             each round bore), with a name or without [m]; by default 0.64 mean elements, the minimum
             member of densities, 0 for none.
+        web: As of `LevelSet`.
     """
 
     each: ClassVar[str] = "designed cell"
@@ -192,9 +200,12 @@ class DensityDesign(Design):
         radius: float | None = None,
         eta: float = 0.5,
         hole_rim: float | None = None,
+        web: float = 0.0,
     ) -> None:
         self.domain = validation.instance("density design: domain", domain, Domain, "a Domain")
-        rims = HoleRims(domain, LEAST * domain.cell_size if hole_rim is None else hole_rim)
+        width = LEAST * domain.cell_size if hole_rim is None else hole_rim
+        self.web = checked_web("density design", domain, web, width)
+        rims = HoleRims(domain, width, outline=self.web > 0.0)
         #: Width of the solid rim around each hole of the body's drawing [m]
         self.hole_rim, self._rims = rims.width, rims
         points, weights = domain.quadrature_points(_POINTS)
@@ -220,14 +231,14 @@ class DensityDesign(Design):
     def density(self, variables: Array) -> Array:
         x = self._without_rims(variables)
         x = np.where(self._designed, self._rim_share + (1.0 - self._rim_share) * x, x)
-        return self.domain.owned(np.clip(x, 0.0, 1.0))
+        return self.with_web(self.domain.owned(np.clip(x, 0.0, 1.0)))
 
     def _without_rims(self, variables: Array) -> Array:
         return np.where(self._designed, self.projection(self._means(variables)), self._passive)
 
     def pullback(self, variables: Array, x_bar: Array) -> Array:
         bar = np.where(self._designed, self.domain.everywhere(x_bar), 0.0)
-        bar *= 1.0 - self._rim_share
+        bar *= (1.0 - self.web) * (1.0 - self._rim_share)
         means_bar = self.projection.pullback(self._means(variables), bar)
         return self.filter.pullback(means_bar)[self._designed]
 
@@ -237,7 +248,7 @@ class DensityDesign(Design):
 
     def identity(self) -> dict[str, Any]:
         radius, eta = self.filter.radius, self.projection.eta
-        sizes = {"radius": radius, "eta": eta, "hole_rim": self.hole_rim}
+        sizes = {"radius": radius, "eta": eta, "hole_rim": self.hole_rim, "web": self.web}
         return {"cells": self.domain.n_cells_global, **sizes}
 
     def _means(self, variables: Array) -> Array:
@@ -275,14 +286,32 @@ def volume_multiplier(
     return high
 
 
-def check_volume(domain: Domain, volume: float) -> None:
+def checked_web(where: str, domain: Domain, web: float, rim: float) -> float:
+    """The thickness of a ``web`` as a share, or a ValueError where there cannot be one."""
+    share = validation.number(f"{where}: web", web, least=0.0, below=1.0)
+    if share and domain.dimension == 3:
+        raise ValueError(
+            f"{where}: web = {share:g} is for plates, bodies in the plane, from which pockets are "
+            "milled; this body is in space: leave the web out"
+        )
+    if share and not rim:
+        raise ValueError(
+            f"{where}: hole_rim = 0 leaves pockets open at the outline and at holes, and a web "
+            f"without a rim; give the width of the rim [m], or leave hole_rim out"
+        )
+    return share
+
+
+def check_volume(domain: Domain, volume: float, web: float = 0.0) -> None:
     """Refuse a bound of the filled share that leaves nothing to design."""
     validation.number("design: volume", volume, above=0.0, most=1.0)
-    solid = domain.sum(domain.cell_volumes * domain.passive_density) / domain.area
+    least = np.where(domain.design_cells, web, domain.passive_density)
+    solid = domain.sum(domain.cell_volumes * least) / domain.area
     if volume <= solid * (1.0 + 1e-9):
+        what = "the web and the solid regions" if web else "the solid regions alone"
         raise ValueError(
-            f"design: volume = {volume:.4g} leaves nothing to design: the solid regions alone fill "
-            f"{solid:.4g} of the body"
+            f"design: volume = {volume:.4g} leaves nothing to design: {what} fill {solid:.4g} of "
+            "the body"
         )
 
 
@@ -294,7 +323,7 @@ def filled_share(design: Design, variables: Array) -> float:
 
 def shrunk(design: Design, variables: Array, volume: float) -> Array:
     """Variables lowered evenly until the filled share is at most ``volume``, or ValueError."""
-    check_volume(design.domain, volume)
+    check_volume(design.domain, volume, design.web)
 
     def lowered(shift: float) -> Array:
         range_ = design.upper - design.lower

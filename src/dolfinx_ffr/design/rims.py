@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Rims around the holes of a body's drawing, which every design keeps solid."""
+"""Rims around the holes and along the outline of a body's drawing, which designs keep solid."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike
 
 from .. import validation
@@ -19,11 +20,13 @@ class HoleRims:
     Args:
         domain: The body.
         width: Of each rim [m]; zero for no rims.
+        outline: Whether there is a rim along the outline of a body in the plane, too.
     """
 
-    def __init__(self, domain: Domain, width: float) -> None:
+    def __init__(self, domain: Domain, width: float, *, outline: bool = False) -> None:
         self.width = validation.number("design: hole_rim", width, least=0.0, unit="m")
         self._holes = domain.holes if width else []
+        self._outline = domain.outline.boundary if width and outline else None
         self._cell = domain.cell_size
 
     def contain(self, points: Array) -> Mask:
@@ -43,6 +46,9 @@ class HoleRims:
             near = np.flatnonzero(beyond < 2.0 * self.width)
             inside = self.width + self._cut_off(hole) - hole.distance(points[near])
             margin[near] = np.maximum(margin[near], inside)
+        if self._outline is not None:
+            beside = shapely.distance(self._outline, shapely.points(points))
+            margin = np.maximum(margin, self.width - beside)
         return margin
 
     def _cut_off(self, hole: DrawnHole) -> float:
@@ -53,7 +59,7 @@ class HoleRims:
 
     def added_to(self, level: Callable[[ArrayLike], Array]) -> Callable[[ArrayLike], Array]:
         """The field ``level``, of values up to one half, made positive in the rims as well."""
-        if not self._holes:
+        if not self._holes and self._outline is None:
             return level
 
         def with_rims(points: ArrayLike) -> Array:

@@ -30,6 +30,7 @@ from .interface import Bore as Bore
 from .interface import Box as Box
 from .interface import Interface as Interface
 from .interface import fit_circle, fit_cylinder, nearest_circle, surface_reference
+from .material import PLATE, cut_exponent
 from .material import RAMP as RAMP
 from .material import SIMP as SIMP
 from .material import BoundMaterial as BoundMaterial
@@ -40,7 +41,6 @@ from .material import LinearMass as LinearMass
 from .material import PlaneStrain as PlaneStrain
 from .material import PlaneStress as PlaneStress
 from .material import SuppressedVoidMass as SuppressedVoidMass
-from .material import cut_exponent
 from .mesh_checks import connected, floating_cells
 from .nodes import MeshNodes, add_ghosts, gathered_nodes, laplace
 from .outline import closed_outline, read_outline
@@ -53,6 +53,7 @@ from .plane_mesh import (
     mesh_faces,
     quiet,
     surfaces,
+    walked,
 )
 from .stress_recovery import StressRecovery
 from .tetrahedra import DESIGNED, SOLID, VOID, GatheredMesh, Tetrahedra, surface_of

@@ -299,6 +299,11 @@ class SIMP(_WithFloor):
         return replace(self, exponent=min(exponent, self.exponent))
 
 
+#: Stiffness and mass in proportion to the thickness, as plane stress has them of a milled plate;
+#: the floor is what no thickness may fall below, and far less than a web
+PLATE = SIMP(exponent=1.0, floor=1e-9, mass=LinearMass())
+
+
 @dataclass(frozen=True)
 class RAMP(_WithFloor):
     """Rational interpolation: E(x)/E = floor + (1 - floor) x / (1 + q (1 - x)).

@@ -34,7 +34,7 @@ from ..parallel import on_rank_0
 from ..part import STRESSED, TURN
 from ..problem import Evaluation, Problem
 from .enough_modes import chosen_methods, with_enough_modes, with_methods, with_steps_for
-from .result import ranks_of
+from .result import drawn_of, ranks_of
 from .signed_log import SignedLog, check_start
 from .steps_checkpoint import Kept, Learnt
 from .trial_failed import TrialFailed, shaping, simulating
@@ -113,7 +113,7 @@ class Trial:
     def told(self, step: float, rejected: int, removed: int, inserted: int) -> dict[str, float]:
         """One row of the history."""
         bodies = self.problem.flexible
-        area = sum(bodies[name].domain.area for name in self.boundaries)
+        area = sum(self.evaluation.volume[n] * bodies[n].domain.area for n in self.boundaries)
         return {
             "psi": self.evaluation.psi,
             "volume": area / sum(b.body.area for b in self.boundaries.values()),
@@ -159,9 +159,12 @@ class Descent:
         """What its boundaries are."""
         return kind_of(self.problem)
 
-    def point(self, problem: Problem) -> dict[str, Array]:
-        """Where the problem is evaluated: full bodies."""
-        full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+    def point(
+        self, problem: Problem, boundaries: Mapping[str, Boundary | Surface]
+    ) -> dict[str, Array]:
+        """Where the problem is evaluated: full bodies, with the webs of their pockets."""
+        bodies = problem.flexible
+        full = {n: drawn_of(b).density(bodies[n].domain) for n, b in boundaries.items()}
         return full | self.others
 
     def tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
@@ -185,7 +188,7 @@ class Descent:
                 bodies[name] = self.problem.flexible[name].with_domain(domain)
             problem = self.problem.with_bodies(bodies)
         with simulating():
-            evaluation = problem.value(self.point(problem))
+            evaluation = problem.value(self.point(problem, boundaries))
         return self.evaluated(boundaries, problem, evaluation)
 
     def evaluated(
@@ -200,7 +203,8 @@ class Descent:
             logarithm = SignedLog.around(found.psi)
         excesses = {name: float(bound.violation) for name, bound in found.constraints.items()}
         for name, most in self.volume.items():
-            share = problem.flexible[name].domain.area / boundaries[name].body.area
+            domain = problem.flexible[name].domain
+            share = found.volume[name] * domain.area / boundaries[name].body.area
             excesses[f"volume of {name}"] = share / most - 1.0
         sizes = {name: self.kind.sizes(boundary) for name, boundary in boundaries.items()}
         radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
@@ -238,7 +242,7 @@ class Descent:
         excesses += [trial.kept[f"volume of {name}"] for name in self.volume]
         for name, most in self.volume.items():
             body = bodies[name]
-            areas = body.measures_pullback(np.ones(body.domain.n_cells), None)
+            areas = body.measures_pullback(evaluation.bodies[name].density, None)
             bounds.append(along({name: areas}) / (most * boundaries[name].body.area))
         # no offset is longer than 1.5 times that of the step
         rooms = {n: self.kind.room(b, 1.5 * LONGEST * b.member) for n, b in boundaries.items()}
@@ -324,7 +328,8 @@ class Descent:
         self, trial: Trial, tolerance: float | None, first: Mapping[str, int]
     ) -> tuple[Descent, Trial, dict[str, float]]:
         """With as many normal modes, and as short time steps, as the parts need."""
-        x, problem, found = self.point(trial.problem), trial.problem, trial.evaluation
+        problem, found = trial.problem, trial.evaluation
+        x = self.point(problem, trial.boundaries)
         errors: dict[str, float] = {}
         if tolerance is not None:
             problem, found, errors = with_enough_modes(problem, x, found, tolerance, first)

@@ -177,7 +177,8 @@ class DesignLoop:
     the bodies whose density is designed, by name, ``start`` has the variables of the start design
     where the user gives them; ``problem``, ``gradient``, ``iterations``, ``output``, ``resume``,
     ``progress``, ``callback`` and ``mode_tolerance`` are those of `optimize`. Where the run is
-    ``followed`` by steps of boundaries, these mend what its design violates.
+    ``followed`` by steps of boundaries, these mend what its design violates. ``webs`` are the
+    thicknesses of webs by name, as shares.
     """
 
     def __init__(
@@ -194,10 +195,12 @@ class DesignLoop:
         start: Mapping[str, Array] | None = None,
         mode_tolerance: float | None = None,
         followed: bool = False,
+        webs: Mapping[str, float] | None = None,
     ) -> None:
         #: With as many modes as the design needed last
         self.problem = problem
         self.domains = dict(domains)
+        self.webs = dict.fromkeys(domains, 0.0) | dict(webs or {})
         self.gradient = gradient
         self.iterations = iterations
         self.comm: MPI.Comm = ranks_of(problem)
@@ -460,7 +463,10 @@ class DesignLoop:
     def _row(self, x: Mapping[str, Array], evaluation: Evaluation) -> Row:
         """All columns that follow from an evaluation and the report of the last gradient."""
         area = {name: domain.area for name, domain in self.domains.items()}
-        gray = {name: gray_fraction(domain, x[name]) for name, domain in self.domains.items()}
+        gray = {
+            name: gray_fraction(domain, x[name], self.webs[name])
+            for name, domain in self.domains.items()
+        }
         held = evaluation.fixed_interface_frequencies
         first = {name: float(held[name][0]) if len(held[name]) else NAN for name in area}
 
@@ -545,7 +551,8 @@ class DesignLoop:
         # gray cells of a crisp level set are cut by its boundary
         unsure = set() if reason == "interrupted" else dense.keys() - crisp
         for name in (name for name in dense if name in unsure):
-            gray, design = gray_fraction(dense[name].domain, densities[name]), dense[name]
+            design = dense[name]
+            gray = gray_fraction(design.domain, densities[name], design.web)
             remedy = "take smaller elements, or ask for larger minimum sizes"
             if design.sharpness < design.at(1.0).sharpness:
                 remedy = (

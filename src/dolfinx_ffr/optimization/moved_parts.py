@@ -86,6 +86,8 @@ def _drawn(result: Result, designs: Mapping[str, Design]) -> dict[str, Boundary 
         member, gap = _sizes(design)
         options: dict[str, Any] = {"rim": design.hole_rim, "mirrors": mirrors}
         if isinstance(part, Part):
+            # pockets have full thickness all around
+            options["outline"] = not part.web
             boundaries[name] = Boundary.of(part, member, gap=gap, **options)
         else:
             boundaries[name] = Surface.of(part, member, **options)

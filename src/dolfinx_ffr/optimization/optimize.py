@@ -20,8 +20,9 @@ from numpy.typing import ArrayLike
 from .. import validation
 from ..arrays import Array
 from ..design import CRISP, Design, ParameterDesign, Variables
-from ..fem import Domain
+from ..fem import PLATE, Domain
 from ..mechanism import Parameters
+from ..objective import is_stress
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
 from .loop import Callback, DesignLoop, ExactAdjoint, GradientMethod, Optimizer
@@ -147,6 +148,7 @@ def optimize(
             start=None if start is None else run.begin,
             mode_tolerance=mode_tolerance if run.sizing is None else None,
             followed=run.steps > 0,
+            webs={n: part.web for n, part in run.designs.items() if isinstance(part, Design)},
         )
         if run.tuned:
             problem.check_influence()
@@ -266,6 +268,7 @@ def _checked(
         validation.keywords("optimize", options, optimize, taker)
         give = f"give {sorted(options)} to the optimizer"
         raise ValueError(f"optimize: {give}, optimizer={taker.__name__}(...)")
+    problem = _of_plates(problem, designs, optimizer)
     given = {n: part.even() for n, part in designs.items()} if start is None else start
     starts = given if isinstance(given, Mapping) else dict.fromkeys(designs, given)
     domains = {n: part.domain for n, part in designs.items() if isinstance(part, Design)}
@@ -301,6 +304,38 @@ def _checked(
         folder=folder,
         steps=steps,
     )
+
+
+def _of_plates(
+    problem: Problem, designs: Mapping[str, Variables], optimizer: Optimizer | None
+) -> Problem:
+    """The problem with stiffness and mass in proportion to the thickness of designs with a web.
+
+    ValueError where that does not hold, or the web would not be seen.
+    """
+    webs = [n for n, part in designs.items() if isinstance(part, Design) and part.web]
+    if not webs:
+        return problem
+    named = ", ".join(map(repr, webs))
+    if optimizer is not None and not isinstance(optimizer, MMA):
+        raise ValueError(f"optimize: the web of {named} takes MMA(...), not {optimizer!r}")
+    for name in webs:
+        if problem.flexible[name].material.out_of_plane:
+            raise ValueError(
+                f"optimize: the web of {name!r} is for plane stress, in which stiffness and mass "
+                "are in proportion to the thickness; give the body PlaneStress(...), or leave the "
+                "web out"
+            )
+    objectives = [case.objective for case in problem.load_cases.values()]
+    objectives += [constraint.objective for constraint in problem.constraints]
+    if any(map(is_stress, objectives)):
+        raise ValueError(
+            f"optimize: a largest stress counts elements by their density, and would not see the "
+            f"web of {named}; leave the stress to the verification of the part, which tells it, "
+            "or leave the web out"
+        )
+    plates = {name: problem.flexible[name].with_interpolation(PLATE) for name in webs}
+    return problem.with_bodies(plates)
 
 
 def default_steps(iterations: int) -> int:
@@ -369,7 +404,8 @@ def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> d
                 f"optimize: the design of {name!r} is not on the domain of the problem's body; "
                 f"make it on problem.bodies[{name!r}].domain"
             )
-        undefended = part.domain.designed_interfaces
+        # with a web there is a rim along all of the outline
+        undefended = [] if part.web else part.domain.designed_interfaces
         if part.hole_rim:
             undefended = [
                 interface for interface in undefended if not part.domain.on_hole(interface)

@@ -36,7 +36,7 @@ def _of_sizes(
     problem: Problem, name: str, part: Part | Solid, member: float, gap: float
 ) -> Iterator[PartViolation]:
     yield from size_violations(part, member, gap)
-    if isinstance(part, Part):
+    if isinstance(part, Part) and not part.web:
         markers = problem.flexible[name].markers.values()
         held = np.array([marker.position for marker in markers]).reshape(-1, 2)
         for place in free_ends(part, member, held):

@@ -43,15 +43,16 @@ def warn(text: str, stacklevel: int = 4) -> None:
     warnings.warn(text, DesignWarning, stacklevel=stacklevel + 1)
 
 
-def gray_fraction(domain: Domain, x: Array) -> float:
+def gray_fraction(domain: Domain, x: Array, web: float = 0.0) -> float:
     """The share of a body's area whose density is between 0.1 and 0.9.
 
-    The densities ``x`` are those of this rank's cells of the ``domain``, shape (cells,). A
-    ValueError if they have the wrong size, are NaN or leave [0, 1].
+    The densities ``x`` are those of this rank's cells of the ``domain``, shape (cells,). Where a
+    ``web`` stays, 0 and 1 stand for its thickness and the full one. A ValueError if densities have
+    the wrong size, are NaN or leave [0, 1].
     """
     validation.instance("gray fraction: domain", domain, Domain, "a Domain")
-    density = domain.check_density(x)
-    gray = (density > 0.1) & (density < 0.9)
+    share = (domain.check_density(x) - web) / (1.0 - web)
+    gray = (share > 0.1) & (share < 0.9)
     return domain.sum(domain.cell_volumes * gray) / domain.area
 
 
@@ -101,8 +102,10 @@ class BoundaryResult:
     @property
     def volume(self) -> dict[str, float]:
         """Filled share of each body that is designed."""
-        bodies = self.problem.flexible
-        return {n: bodies[n].domain.area / b.body.area for n, b in self.boundaries.items()}
+        bodies, filled = self.problem.flexible, self.evaluation.volume
+        return {
+            n: filled[n] * bodies[n].domain.area / b.body.area for n, b in self.boundaries.items()
+        }
 
     @property
     def boundary(self) -> Boundary | Surface:

@@ -5,14 +5,18 @@
 * .dxf (R2010): LINE, ARC, CIRCLE and SPLINE, on the layer "part" and on layers named as interfaces;
 * .step: the extruded solid, by OpenCASCADE; in millimetres, as the file says;
 * .stl: triangles, within the part's `accuracy` of the curves; its numbers are short floats.
+
+Pockets are milled from both sides to the same depth. In drawings they are paths "pockets" or a
+layer whose name tells the depth, and solids have them to their depth.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from mpi4py import MPI
@@ -37,8 +41,11 @@ PART = "part"
 _SVG = """<?xml version='1.0' encoding='utf-8'?>
 <svg xmlns="http://www.w3.org/2000/svg" version="1.1" {size} viewBox="{box}">\
 <path id="{part}" d="{outline}" fill="#c9d1d9" fill-rule="evenodd" stroke="#22272e" \
-stroke-width="{line}" />\
+stroke-width="{line}" />{pockets}\
 <g id="interfaces" fill="none" stroke="#0b62a4" stroke-width="{line}">{interfaces}</g></svg>"""
+_SVG_POCKETS = """\
+<path id="pockets" d="{outline}" fill="#eef1f4" fill-rule="evenodd" stroke="#22272e" \
+stroke-width="{line}" />"""
 #: What names of layers may not have
 _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=`',]")
 #: A triangle of an STL file
@@ -53,11 +60,29 @@ class Sheet:
     interfaces: list[str]
     polygon: shapely.MultiPolygon  #: That stands for the curves where curves are not known
     thickness: Callable[[], float]  #: [m], or says that it is not known
+    #: Of each pocket the outer loop, counterclockwise, then the loops around its islands
+    pockets: list[list[Loop]] = field(default_factory=list)
+    floors: Sequence[shapely.Polygon] = ()  #: That stand for their curves
+    web: float = 0.0  #: Thickness of the floors as a share
 
     @property
     def loops(self) -> list[Loop]:
         """All loops, with splines that are straight as lines; curves that go on are joined."""
-        return [_joined(loop) for loops in self.pieces for loop in map(_with_lines, loops)]
+        return _whole_curves(self.pieces)
+
+    @property
+    def pocket_loops(self) -> list[Loop]:
+        """Those of the pockets."""
+        return _whole_curves(self.pockets)
+
+    @property
+    def depth(self) -> float:
+        """Depth of the pockets, from each of both sides [m]."""
+        return 0.5 * (1.0 - self.web) * self.thickness()
+
+
+def _whole_curves(pieces: Sequence[Sequence[Loop]]) -> list[Loop]:
+    return [_joined(loop) for loops in pieces for loop in map(_with_lines, loops)]
 
 
 def write(part: Sheet, path: str | Path, unit: str, comm: MPI.Comm) -> list[Path]:
@@ -72,7 +97,7 @@ def write(part: Sheet, path: str | Path, unit: str, comm: MPI.Comm) -> list[Path
             f"{', '.join(_WRITERS)}, or all of them into a folder, whose name has no ending"
         )
     files = {suffix: given} if suffix else {kind: given / f"part{kind}" for kind in _WRITERS}
-    if {".step", ".stl"} & set(files):
+    if {".step", ".stl"} & set(files) or part.pockets:
         part.thickness()  # says what is missing
 
     def on_disk() -> None:
@@ -133,8 +158,12 @@ def _write_svg(part: Sheet, path: Path, unit: str) -> None:
     margin = 0.02 * max(x1 - x0, y1 - y0)
     width, height = x1 - x0 + 2 * margin, y1 - y0 + 2 * margin
     millimetres = 1e3 * UNITS[unit]
-    loops = part.loops
-    outline = " ".join(_svg_path([curve for curve, _ in loop], scale) + " Z" for loop in loops)
+    loops, line = part.loops, f"{0.002 * width:.3g}"
+
+    def path_of(loops: Sequence[Loop]) -> str:
+        return " ".join(_svg_path([curve for curve, _ in loop], scale) + " Z" for loop in loops)
+
+    milled = path_of(part.pocket_loops)
     marks = {}
     for name in part.interfaces:
         own = [curve for loop in loops for curve, group in loop if group == name]
@@ -145,8 +174,9 @@ def _write_svg(part: Sheet, path: Path, unit: str) -> None:
             size=f'width="{millimetres * width:.12g}mm" height="{millimetres * height:.12g}mm"',
             box=f"{x0 - margin:.12g} {-y1 - margin:.12g} {width:.12g} {height:.12g}",
             part=PART,
-            outline=outline,
-            line=f"{0.002 * width:.3g}",
+            outline=path_of(loops),
+            pockets=_SVG_POCKETS.format(outline=milled, line=line) if milled else "",
+            line=line,
             interfaces=paths,
         ),
         encoding="utf-8",
@@ -194,28 +224,33 @@ def _write_dxf(part: Sheet, path: Path, unit: str) -> None:
     for color, name in enumerate(part.interfaces, 1):
         drawing.layers.add(layer(name), color=color % 6 + 1)
     space = drawing.modelspace()
-    for loop in part.loops:
-        for curve, group in loop:
-            how = {"layer": layer(group) if group else PART}
-            if isinstance(curve, Line):
-                space.add_line(scale * curve.start, scale * curve.end, dxfattribs=how)
-            elif isinstance(curve, Arc):
-                center, radius = scale * curve.center, scale * curve.radius
-                first = curve if curve.sweep > 0.0 else curve.reversed()
-                if abs(first.sweep - 2.0 * np.pi) < 1e-9:
-                    space.add_circle(center, radius, dxfattribs=how)
-                else:
-                    start, end = np.degrees([first.angle, first.angle + first.sweep])
-                    space.add_arc(center, radius, start, end, dxfattribs=how)
-            elif isinstance(curve, Spline):
-                spline = space.add_spline(degree=curve.degree, dxfattribs=how)
-                spline.control_points = scale * np.pad(curve.control, ((0, 0), (0, 1)))
-                spline.knots = curve.knots.tolist()
+    drawn = [(c, layer(group) if group else PART) for loop in part.loops for c, group in loop]
+    if part.pockets:
+        # the depth stands in the unit of the drawing
+        milled = layer(f"pockets {part.depth * scale:.6g} {unit} deep from both sides")
+        drawing.layers.add(milled, color=8)
+        drawn += [(curve, milled) for loop in part.pocket_loops for curve, _ in loop]
+    for curve, name in drawn:
+        how = {"layer": name}
+        if isinstance(curve, Line):
+            space.add_line(scale * curve.start, scale * curve.end, dxfattribs=how)
+        elif isinstance(curve, Arc):
+            center, radius = scale * curve.center, scale * curve.radius
+            first = curve if curve.sweep > 0.0 else curve.reversed()
+            if abs(first.sweep - 2.0 * np.pi) < 1e-9:
+                space.add_circle(center, radius, dxfattribs=how)
+            else:
+                start, end = np.degrees([first.angle, first.angle + first.sweep])
+                space.add_arc(center, radius, start, end, dxfattribs=how)
+        elif isinstance(curve, Spline):
+            spline = space.add_spline(degree=curve.degree, dxfattribs=how)
+            spline.control_points = scale * np.pad(curve.control, ((0, 0), (0, 1)))
+            spline.knots = curve.knots.tolist()
     drawing.saveas(path)
 
 
-def _whole(part: Sheet) -> Drawing:
-    """The pieces of the part as faces, solid regions not told apart.
+def _whole(pieces: Sequence[Sequence[Loop]]) -> Drawing:
+    """Pieces of a part, or its pockets, as faces, solid regions not told apart.
 
     A spline has a curve for each of its polynomials: along several ones OpenCASCADE takes too few
     points for masses, and its offsets fail at random.
@@ -228,7 +263,7 @@ def _whole(part: Sheet) -> Drawing:
     def node(where: Array) -> int:
         return known.setdefault((np.asarray(where) + 0.0).tobytes(), len(known))
 
-    for rings in part.pieces:
+    for rings in pieces:
         loops = []
         for ring in rings:
             joined = [
@@ -246,28 +281,66 @@ def _whole(part: Sheet) -> Drawing:
 def _write_step(part: Sheet, path: Path, unit: str) -> None:
     millimetres = 1e3  # which stand in the file, whatever the unit of other drawings
     with gmsh_model() as gmsh:
-        found, _ = surfaces(gmsh, _whole(part), millimetres)
-        below = [(2, tag) for tag in found]
-        gmsh.model.occ.extrude(below, 0.0, 0.0, millimetres * part.thickness())
-        gmsh.model.occ.synchronize()
+        add_solid(gmsh, part, millimetres)
         with quiet():
             gmsh.write(str(path))
 
 
+def add_solid(gmsh: Any, part: Sheet, scale: float) -> None:
+    """Make the solid of a part, times ``scale``, in gmsh's model, on 0 <= z <= its thickness."""
+    occ = gmsh.model.occ
+
+    def prisms(pieces: Sequence[Sequence[Loop]], begin: float, end: float) -> list[tuple[int, int]]:
+        """The volumes over some pieces between two heights."""
+        tags, _ = surfaces(gmsh, _whole(pieces), scale)
+        bases = [(2, tag) for tag in tags]
+        occ.translate(bases, 0.0, 0.0, begin)
+        return [entity for entity in occ.extrude(bases, 0.0, 0.0, end - begin) if entity[0] == 3]
+
+    height = scale * part.thickness()
+    plate = prisms(part.pieces, 0.0, height)
+    if part.pockets:
+        depth = scale * part.depth
+        # beyond the plate, so that no face of a cutter lies in one of the plate
+        below = prisms(part.pockets, -depth, depth)
+        above = prisms(part.pockets, height - depth, height + depth)
+        with quiet():
+            occ.cut(plate, below + above)
+    occ.synchronize()
+
+
 def _write_stl(part: Sheet, path: Path, unit: str) -> None:
-    scale, up = 1.0 / UNITS[unit], np.array([0.0, 0.0, part.thickness()])
+    scale, height = 1.0 / UNITS[unit], part.thickness()
 
     def flat(ring: shapely.Geometry) -> Array:
         return np.pad(shapely.get_coordinates(ring), ((0, 0), (0, 1)))
 
-    triangles = []
-    for piece in shapely.orient_polygons(part.polygon).geoms:
-        faces = shapely.get_parts(shapely.constrained_delaunay_triangles(piece))
-        below = np.array([flat(face)[:3] for face in shapely.orient_polygons(faces)])
-        triangles += [below + up, below[:, ::-1]]
-        for ring in (piece.exterior, *piece.interiors):
-            a, b = flat(ring)[:-1], flat(ring)[1:]
-            triangles += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
+    def faces(shape: shapely.Geometry, low: float, high: float) -> list[Array]:
+        """Triangles that look up at a height, and down at a lower one."""
+        found = []
+        for piece in shapely.get_parts(shapely.orient_polygons(shape)):
+            cells = shapely.get_parts(shapely.constrained_delaunay_triangles(piece))
+            flats = np.array([flat(cell)[:3] for cell in shapely.orient_polygons(cells)])
+            found += [flats + np.array([0, 0, high]), flats[:, ::-1] + np.array([0, 0, low])]
+        return found
+
+    def walls(rings: Sequence[shapely.Geometry], low: float, high: float) -> list[Array]:
+        """Triangles on walls with the material on the left of their rings."""
+        bottom, up, found = np.array([0.0, 0.0, low]), np.array([0.0, 0.0, high - low]), []
+        for ring in rings:
+            a, b = flat(ring)[:-1] + bottom, flat(ring)[1:] + bottom
+            found += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
+        return found
+
+    floors = shapely.MultiPolygon(list(part.floors))
+    triangles = faces(part.polygon, 0.0, height)
+    triangles += walls(_rings(shapely.union_all([part.polygon, floors])), 0.0, height)
+    if part.pockets:
+        depth = part.depth
+        # around a pocket the material is on the other side
+        milled = [ring.reverse() for ring in _rings(floors)]
+        triangles += walls(milled, 0.0, depth) + walls(milled, height - depth, height)
+        triangles += faces(floors, depth, height - depth)
     corners = scale * np.concatenate(triangles)
     facets = np.zeros(len(corners), dtype=_FACET)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -276,6 +349,12 @@ def _write_stl(part: Sheet, path: Path, unit: str) -> None:
     facets["corners"] = corners
     head = f"{PART} [{unit}]".ljust(80).encode("ascii")
     path.write_bytes(head + len(facets).to_bytes(4, "little") + facets.tobytes())
+
+
+def _rings(shape: shapely.Geometry) -> list[shapely.Geometry]:
+    """The rings around polygons, with these on their left."""
+    pieces = shapely.get_parts(shapely.orient_polygons(shape))
+    return [ring for piece in pieces for ring in (piece.exterior, *piece.interiors)]
 
 
 _WRITERS: dict[str, Callable[[Sheet, Path, str], None]] = {

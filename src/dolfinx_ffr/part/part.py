@@ -33,6 +33,7 @@ from ..fem import (
     Domain,
     Drawing,
     ElasticMaterial,
+    Face,
     Line,
     LocalSizes,
     check_size,
@@ -42,13 +43,15 @@ from ..fem import (
     mesh_faces,
     polygon,
     ring,
+    walked,
 )
 from ..parallel import on_rank_0
 from .boundary import Side, boundary
 from .cut import DESIGN, VOID, Lattice, cut
-from .export import Sheet, write
+from .export import Loop, Sheet, write
 from .field import Field, evaluated
 from .pieces import Piece, attached, drawing, outlines, pieces
+from .pockets import pocket_faces
 from .verify import Enclosed, Found
 from .widths import Width, member_widths, narrowest_gap, thinnest_member
 
@@ -117,6 +120,8 @@ class Part(Enclosed):
         material: Of the part, for its mass and thickness.
         resolution: Sides of the lattice in one spacing, at least.
         tolerance: Largest distance of a curve from points of the zero line, in spacings.
+        web: Thickness where the field is negative, as a share of the part's: pockets are milled
+            there, from both sides to the same depth. With 0 holes are cut.
 
     Raises:
         ValueError: If a number is out of range, the field is not finite or zero over more than
@@ -142,6 +147,7 @@ class Part(Enclosed):
         material: ElasticMaterial | None = None,
         resolution: int = 6,
         tolerance: float = 1e-5,
+        web: float = 0.0,
     ) -> None:
         self._keep(domain, field, material, "thickness")
         if spacing is None:
@@ -150,13 +156,15 @@ class Part(Enclosed):
         self.spacing = validation.number("part: spacing", spacing, above=0.0, unit="m")
         steps = validation.integer("part: resolution", resolution, least=2)
         share = validation.number("part: tolerance", tolerance, above=0.0, below=0.1)
+        #: Thickness of the floors of pockets as a share of the part's; zero where there are none
+        self.web = validation.number("part: web", web, least=0.0, below=1.0)
         #: Of the polygons that stand for the curves [m]
         self.accuracy = _ACCURACY * self.spacing
         names = list(domain.interfaces)
         for finer in _FINER:
             step = self.spacing / (finer * steps)
             lattice = Lattice.of(domain, step)
-            find = partial(_find, lattice, field, self.spacing, step, share, names)
+            find = partial(_find, lattice, field, self.spacing, step, share, names, self.web)
             found: _Found = on_rank_0(domain.comm, find)
             if not found.crossing:
                 break
@@ -176,13 +184,9 @@ class Part(Enclosed):
     def redrawn(self, drawing: Drawing) -> Part:
         """The part of the same body between the curves of a ``drawing``, one piece in all."""
         made = copy(self)
-        for name in ("_moments", "polygon", "thinnest_member", "narrowest_gap"):
+        for name in ("_moments", "polygon", "thinnest_member", "narrowest_gap", "pockets"):
             made.__dict__.pop(name, None)
-        number = {name: i for i, name in enumerate(self.body.interfaces)}
-        each = zip(drawing.curves, drawing.nodes, drawing.groups, strict=True)
-        sides = [Side(c, ends, DESIGN, VOID, number.get(n, -1), False) for c, ends, n in each]
-        whole = Piece([], drawing.faces, frozenset(), 0.0, np.zeros(2))
-        around, names = _curves_of(sides, [whole], self.accuracy, list(number))
+        around, names = _around(drawing, drawing.faces, self.accuracy, list(self.body.interfaces))
         made.drawing, made.outlines = drawing, around
         found = replace(self._found, drawing=drawing, outlines=around, interfaces=names)
         made._found = replace(found, loose=[], deviation=0.0, left_out="")
@@ -192,8 +196,18 @@ class Part(Enclosed):
 
     @property
     def holes(self) -> int:
-        """Number of holes in all pieces."""
-        return sum(len(loops) - 1 for loops in self.outlines)
+        """Number of holes that go through, in all pieces."""
+        return sum(len(loops) - 1 for loops in self.outlines) - len(self.pockets)
+
+    @cached_property
+    def pockets(self) -> list[Face]:
+        """The floors of all pockets, between curves of the `drawing`; none without a `web`.
+
+        A ValueError if a pocket is open at the outline or a hole of the body.
+        """
+        if not self.web:
+            return []
+        return pocket_faces(self.drawing, self.body.outline, self.spacing)
 
     @property
     def deviation(self) -> float:
@@ -216,7 +230,8 @@ class Part(Enclosed):
         return [c for c, group in zip(drawn.curves, drawn.groups, strict=True) if group == name]
 
     def measures(self) -> dict[str, Width | int | None]:
-        return {"holes": self.holes, **super().measures()}
+        counts = {"holes": self.holes} | ({"pockets": len(self.pockets)} if self.web else {})
+        return {**counts, **super().measures()}
 
     def _picture(self) -> str:
         left, low, right, high = self.polygon.bounds
@@ -231,13 +246,25 @@ class Part(Enclosed):
 
     @property
     def area(self) -> float:
-        """Area between the curves [m^2], exact for them."""
+        """Area of full thickness between the curves [m^2], exact for them."""
         return float(self._moments[0])
 
     @property
+    def pocket_area(self) -> float:
+        """Area of the floors of all pockets [m^2]."""
+        return float(self._floor_moments[0])
+
+    @property
     def center(self) -> Array:
-        """Centre of the area, shape (2,) [m]."""
-        return np.asarray(self._moments[1:] / self._moments[0])
+        """Centre of the material, shape (2,) [m]."""
+        moments = self._moments + self.web * self._floor_moments
+        return np.asarray(moments[1:] / moments[0])
+
+    @property
+    def _floor_moments(self) -> Array:
+        loops = [loop for face in self.pockets for loop in face.loops]
+        moments = [enclosed(walked(self.drawing.curves, loop)) for loop in loops]
+        return np.sum(moments, axis=0) if moments else np.zeros(3)
 
     @property
     def thickness(self) -> float:
@@ -246,12 +273,28 @@ class Part(Enclosed):
 
     @property
     def volume(self) -> float:
-        return self.area * self.thickness
+        return self.thickness * (self.area + self.web * self.pocket_area)
 
     @cached_property
     def polygon(self) -> shapely.MultiPolygon:
         """Polygons within `accuracy` of the curves, one a piece."""
         return _polygons(self.outlines, self.accuracy)
+
+    @property
+    def floors(self) -> list[shapely.Polygon]:
+        """The floors of all pockets as polygons, which share their vertices with `polygon` [m]."""
+        if not self.web:
+            return []
+        rings = [ring for piece in self.polygon.geoms for ring in piece.interiors]
+        filled = shapely.union_all([shapely.Polygon(ring) for ring in rings])
+        floors = shapely.get_parts(filled.difference(self.polygon))
+        return [f for f in floors if self.body.outline.covers(f.representative_point())]
+
+    def density(self, domain: Domain) -> Array:
+        if not self.web:
+            return super().density(domain)
+        full = shapely.contains_xy(self.polygon, *domain.centroids.T)
+        return np.where(full, 1.0, self.web)
 
     @cached_property
     def thinnest_member(self) -> Width | None:
@@ -269,13 +312,27 @@ class Part(Enclosed):
         return float(np.min(high - low))
 
     def _write(self, path: str | Path, *, unit: str = "mm") -> list[Path]:
+        return write(self._sheet, path, unit, self.body.comm)
+
+    @property
+    def _sheet(self) -> Sheet:
+        names, around = list(self.body.interfaces), (self.outlines, self._found.interfaces)
+        pockets: list[list[Loop]] = []
+        if self.pockets:
+            around = _around(
+                self.drawing, [*self.drawing.faces, *self.pockets], self.accuracy, names
+            )
+            curves = self.drawing.curves
+            pockets = [
+                [[(c, "") for c in walked(curves, loop)] for loop in face.loops]
+                for face in self.pockets
+            ]
         pieces = [
             [list(zip(*loop, strict=True)) for loop in zip(*piece, strict=True)]
-            for piece in zip(self.outlines, self._found.interfaces, strict=True)
+            for piece in zip(*around, strict=True)
         ]
-        names = list(self.body.interfaces)
-        sheet = Sheet(pieces, names, self.polygon, lambda: self.thickness)
-        return write(sheet, path, unit, self.body.comm)
+        told = pieces, names, self.polygon, lambda: self.thickness
+        return Sheet(*told, pockets=pockets, floors=self.floors, web=self.web)
 
     def sizes(self, size: float | None, count: int) -> list[float]:
         first = _FIRST * self.spacing if size is None else size
@@ -297,9 +354,10 @@ class Part(Enclosed):
         if turn < math.inf:
             validation.number("part: turn", turn, above=0.0)
         degree = validation.integer("part: order", order, least=1)
-        comm = self.body.comm
+        comm, faces = self.body.comm, [*self.drawing.faces, *self.pockets]
+        meshed = replace(self.drawing, faces=faces)
         with gmsh_model() if comm.rank == 0 else nullcontext() as gmsh:
-            on_rank_0(comm, lambda: self._mesh(gmsh, size, degree, across, turn))
+            on_rank_0(comm, lambda: self._mesh(gmsh, meshed, size, degree, across, turn))
             kept = [n for n in self.body.interfaces if n not in self.lost_interfaces]
             how: dict[str, Any] = {"interfaces": kept, "order": degree}
             how["centers"] = {n: self.body.interfaces[n].center.tolist() for n in kept}
@@ -308,14 +366,16 @@ class Part(Enclosed):
     def resolved(self, size: float, order: int) -> Domain:
         return self.domain(size, order, turn=STRESSED)
 
-    def _mesh(self, gmsh: Any, size: float, degree: int, across: float, turn: float) -> None:
-        check_size("part: the mesh", self.drawing, size)
+    def _mesh(
+        self, gmsh: Any, meshed: Drawing, size: float, degree: int, across: float, turn: float
+    ) -> None:
+        check_size("part: the mesh", meshed, size)
         for attempt in _SMALLER:
             try:
                 local = self._local_sizes(attempt * size, across, turn)
                 # alike where no cell needs to be small, which the last bits of curves may decide
                 how: dict[str, Any] = {"order": min(degree, 2), "local": local, "grow": True}
-                mesh_faces(gmsh, self.drawing, attempt * size, **how)
+                mesh_faces(gmsh, meshed, attempt * size, **how)
                 return
             except ValueError:
                 if attempt == _SMALLER[-1]:
@@ -358,6 +418,7 @@ def _find(
     step: float,
     share: float,
     names: Sequence[str],
+    web: float,
 ) -> _Found:
     assert lattice is not None  # on rank 0
     accuracy, segments = _ACCURACY * spacing, cut(lattice, field, spacing)
@@ -374,7 +435,7 @@ def _find(
     before = lengths(lattice.points[lattice.chains], lattice.interface)
     of = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
     left = lengths(segments.points[segments.ends], of)
-    stay, left_out, said = attached(found, before, left)
+    stay, left_out, said = attached(found, before, left, joined=web > 0.0)
     said += _polygonal([sides[i] for piece in stay for i in piece.sides], names)
 
     around, interfaces = _curves_of(sides, stay, accuracy, names)
@@ -395,6 +456,17 @@ def _find(
         lost=[name for name, length in left.items() if length == 0.0],
         crossing=_crossing(around, _CROSSING * spacing),
     )
+
+
+def _around(
+    drawing: Drawing, faces: Sequence[Face], accuracy: float, names: Sequence[str]
+) -> tuple[Outlines, list[list[list[str]]]]:
+    """The outlines of some faces of a drawing together, and the interface of each curve."""
+    number = {name: i for i, name in enumerate(names)}
+    each = zip(drawing.curves, drawing.nodes, drawing.groups, strict=True)
+    sides = [Side(c, ends, DESIGN, VOID, number.get(n, -1), False) for c, ends, n in each]
+    whole = Piece([], faces, frozenset(), 0.0, np.zeros(2))
+    return _curves_of(sides, [whole], accuracy, names)
 
 
 def _curves_of(

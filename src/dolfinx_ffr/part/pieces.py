@@ -99,12 +99,16 @@ def drawing(sides: Sequence[Side], kept: Sequence[Piece], names: Sequence[str]) 
 
 
 def attached(
-    found: Sequence[Piece], lengths: Mapping[str, float], kept: Mapping[str, float]
+    found: Sequence[Piece],
+    lengths: Mapping[str, float],
+    kept: Mapping[str, float],
+    *,
+    joined: bool = False,
 ) -> tuple[list[Piece], str, list[str]]:
     """The pieces that touch an interface, what is said of the others, and other warnings.
 
     A ValueError where nothing connects interfaces. The lengths of interfaces [m] in the body and in
-    the pieces are by name, in their order.
+    the pieces are by name, in their order. Where a web has ``joined`` all, no piece is alone.
     """
     names = list(lengths)
     stay = [piece for piece in found if piece.interfaces]
@@ -132,6 +136,8 @@ def attached(
             f"of some interfaces only a share is left, {shown}; make the cells at them solid to "
             "keep all of it"
         )
+    if joined:
+        return stay, left_out, said
     pairs = np.array([(i, len(names) + k) for k, p in enumerate(stay) for i in p.interfaces])
     label = connected(pairs, len(names) + len(stay))
     groups: dict[int, list[str]] = {}

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
 from .. import validation
+from ..arrays import Array
 from ..design import Design
 from ..documentation import Shown
 from ..fem import Domain, ElasticMaterial
@@ -99,6 +100,8 @@ class Enclosed(Shown, ABC):
         """
         needed = "a LevelSet or a DensityDesign"
         validation.instance(f"{cls.kind}: design", design, Design, needed)
+        if design.web:
+            options = {"web": design.web, **options}
         validation.keywords(f"{cls.__name__}.of", options, cls)
         field = design.level(design.check(variables))
         return cls(design.domain, field, **options)  # type: ignore[call-arg]
@@ -154,6 +157,13 @@ class Enclosed(Shown, ABC):
     def weighs(self) -> bool:
         """Whether its mass is known: whether it has a material that tells its density."""
         return getattr(self.material, "density", None) is not None
+
+    def density(self, domain: Domain) -> Array:
+        """The density of each cell of a mesh that fits it, shape (cells,): that of the solid.
+
+        In pockets it is the thickness of their floor as a share of the part's.
+        """
+        return np.ones(domain.n_cells)
 
     @property
     @abstractmethod
@@ -384,6 +394,8 @@ class Verification:
         part, measures = self.parts[name], self.parts[name].measures()
         holes = measures.get("holes")
         told = "" if holes is None else f", with {holes} hole{'s' * (holes != 1)}"
+        if pockets := measures.get("pockets"):
+            told += f" and {pockets} pocket{'s' * (pockets != 1)}"
         lines = [
             f"{name}: {after.cells} {part.elements}, {self.modes[name]} modes; reported -> part",
             f"  pieces       {part.pieces}{told}",
@@ -420,7 +432,7 @@ class Verification:
         record["part_pieces"] = of_each({name: part.pieces for name, part in self.parts.items()})
         record["part_mass"] = of_each({name: body.mass for name, body in last.bodies.items()})
         measures = {name: part.measures() for name, part in self.parts.items()}
-        keys = {"holes": "part_holes"}
+        keys = {"holes": "part_holes", "pockets": "part_pockets"}
         for what in dict.fromkeys(what for measured in measures.values() for what in measured):
             found = {name: measured.get(what) for name, measured in measures.items()}
             record[keys.get(what, what.replace(" ", "_"))] = of_each(
@@ -542,7 +554,9 @@ def verify(
                 fitted = [_figures(fitted[0].size, *own, parts, bounds)]
             break
         densities = {
-            name: np.ones(body.domain.n_cells) if name in parts else evaluation.bodies[name].density
+            name: parts[name].density(body.domain)
+            if name in parts
+            else evaluation.bodies[name].density
             for name, body in again.flexible.items()
         }
         # solids whose surface was moved are told by their first meshes

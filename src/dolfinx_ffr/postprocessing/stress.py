@@ -272,7 +272,9 @@ def _scaled(
     validation.flag("stress: correction", correction)
     validation.number("stress: relaxation", relaxation, least=0.0)
     validation.number("stress: void", void, least=0.0, most=1.0)
-    stress, solid = BodyStress(body, reduced), reduced.density >= void
+    # a mesh that fits a part has cells of its material alone, and webs thinner than a void
+    least = void if body.domain.whole is None else 0.0
+    stress, solid = BodyStress(body, reduced), reduced.density >= least
     scale = np.where(solid, reduced.density**relaxation, 0.0)[:, None]
     if validation.number("stress: clear", clear, least=0.0, unit="m") > 0.0:
         scale = np.where(stress.interface_distance < clear, 0.0, scale)

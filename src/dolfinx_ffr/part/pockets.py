@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: MIT
+"""Where a plate is milled down to a web: the faces that fill the holes of its full thickness."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from ..fem import Drawing, Face, ShapeError, directed_loops, nested, ring, walked
+
+#: Width up to which a strip along the outline is the difference of two polygons, in units of the
+#: length on which the field varies
+_STRIP = 0.1
+
+
+def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> list[Face]:
+    """The faces of a body that are in no face of a drawing: the floors of its pockets.
+
+    Args:
+        drawing: What has the full thickness.
+        body: The body as polygons [m]; its own holes are no pockets.
+        spacing: Length on which the field of the design varies [m].
+
+    Raises:
+        ShapeError: If a pocket is open at the outline or at a hole of the body.
+    """
+    around = [side for face in drawing.faces for loop in face.loops for side in loop]
+    both = set(around)
+    # what bounds one face alone, with that face on the right
+    sides = [(i, not forward) for i, forward in around if (i, not forward) not in both]
+    curves = walked(drawing.curves, sides)
+    nodes = [drawing.nodes[i] if way else drawing.nodes[i][::-1] for i, way in sides]
+    loops = directed_loops(curves, nodes)
+    accuracy = 0.01 * _STRIP * spacing
+
+    def polygon(loop: list[int]) -> shapely.Polygon:
+        return shapely.Polygon(ring([curves[i] for i in loop], accuracy))
+
+    faces, floors = [], []
+    for outer, *islands in nested([[curves[i] for i in loop] for loop in loops], accuracy):
+        floor = polygon(loops[outer]).difference(
+            shapely.union_all([polygon(loops[n]) for n in islands])
+        )
+        if body.covers(floor.representative_point()):
+            faces.append(Face("pocket", [[sides[i] for i in loops[n]] for n in (outer, *islands)]))
+            floors.append(floor)
+
+    missing = body.difference(shapely.union_all([*floors, _covered(drawing, accuracy)]))
+    missing = missing.buffer(-0.5 * _STRIP * spacing)
+    if not missing.is_empty:
+        x, y = 1e3 * np.array(missing.representative_point().coords[0])
+        raise ShapeError(
+            f"part: the pocket near ({x:.4g}, {y:.4g}) mm is open at the outline or at a hole of "
+            "the body, and a web has full thickness all around: give the design a hole_rim"
+        )
+    return faces
+
+
+def _covered(drawing: Drawing, accuracy: float) -> shapely.Geometry:
+    """What the faces of a drawing cover, as polygons within an accuracy [m]."""
+    covered = []
+    for face in drawing.faces:
+        outer, *holes = [ring(walked(drawing.curves, loop), accuracy) for loop in face.loops]
+        covered.append(shapely.Polygon(outer, holes))
+    return shapely.union_all(covered)
