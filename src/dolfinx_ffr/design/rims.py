@@ -27,6 +27,7 @@ class HoleRims:
         self.width = validation.number("design: hole_rim", width, least=0.0, unit="m")
         self._holes = domain.holes if width else []
         self._outline = domain.outline.boundary if width and outline else None
+        shapely.prepare(self._outline)
         self._cell = domain.cell_size
 
     def contain(self, points: Array) -> Mask:
@@ -47,8 +48,10 @@ class HoleRims:
             inside = self.width + self._cut_off(hole) - hole.distance(points[near])
             margin[near] = np.maximum(margin[near], inside)
         if self._outline is not None:
-            beside = shapely.distance(self._outline, shapely.points(points))
-            margin = np.maximum(margin, self.width - beside)
+            corners = shapely.points(points)
+            near = np.flatnonzero(shapely.dwithin(self._outline, corners, 2.0 * self.width))
+            inside = self.width - shapely.distance(self._outline, corners[near])
+            margin[near] = np.maximum(margin[near], inside)
         return margin
 
     def _cut_off(self, hole: DrawnHole) -> float:
