@@ -115,6 +115,11 @@ def test_webs_that_there_cannot_be_are_refused() -> None:
     design = ffr.LevelSet(problem.flexible["rod"].domain, web=WEB)
     with pytest.raises(ValueError, match="takes MMA"):
         ffr.optimize(problem, design, optimizer=ffr.LevelSetEvolution())
+    rod = problem.flexible["rod"]
+    strain = ffr.PlaneStrain(young=210e9, poisson=0.3, density=7850.0, thickness=0.01)
+    held = ffr.FlexibleBody(rod.domain, strain, frame=ffr.ChordFrame("left", "right"), modes=1)
+    with pytest.raises(ValueError, match="for plane stress"):
+        ffr.optimize(problem.with_bodies({"rod": held}), design)
     motion = slider_crank(2.0, 0.5), ffr.GeneralizedAlpha(2.0, 10)
     stressed = ffr.Problem(problem.bodies, *motion, ffr.PeakStress("rod"))
     with pytest.raises(ValueError, match="would not see the web"):

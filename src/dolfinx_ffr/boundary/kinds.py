@@ -223,7 +223,7 @@ class InThePlane(Kind[Boundary]):
         self, boundary: Boundary, costs: Costs, carried: Costs
     ) -> Iterator[tuple[Boundary, int, float]]:
         """Without small holes, crowds of controls, what ends free, idle struts and dear ones."""
-        for holes in boundary.pockets[:_TRIED]:
+        for holes in boundary.small_holes[:_TRIED]:
             if len(holes) < len(boundary.holes):
                 yield boundary.without(holes), len(holes), _MAKING * len(holes)
         every, crowded = set(boundary.holes), boundary.crowded

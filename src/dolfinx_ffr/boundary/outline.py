@@ -49,7 +49,7 @@ from .symmetry import fitted
 _FINE = 5e-3
 #: Area of the smallest hole, and of the smallest that is not tried without, in squares of the
 #: minimum member
-_SPECK, _POCKET = 5.0, 30.0
+_SPECK, _SMALL = 5.0, 30.0
 #: How far from the strut between them holes that are joined are made convex, so that no noses stay,
 #: and half the widths of bays that go and of bays that are filled then, in minimum members
 _CONVEX, _BETWEEN, _OPENED = 3.0, 0.9, 0.5
@@ -621,9 +621,9 @@ class Boundary:
         return shapely.Polygon(curve.at(curve.sampled(_STEP * self.member)))
 
     @property
-    def pockets(self) -> list[list[int]]:
+    def small_holes(self) -> list[list[int]]:
         """Holes that may not be worth their making, each with its images, the smallest first."""
-        holes = {key: self.hole(key) for key in self._below(_POCKET)}
+        holes = {key: self.hole(key) for key in self._below(_SMALL)}
         found: list[list[int]] = []
         for key in sorted(holes, key=lambda key: holes[key].area):
             middle = np.array(holes[key].centroid.coords)

@@ -159,7 +159,7 @@ class Enclosed(Shown, ABC):
         return getattr(self.material, "density", None) is not None
 
     def density(self, domain: Domain) -> Array:
-        """The density of each cell of a mesh that fits it, shape (cells,): that of the solid.
+        """The density of each cell of a mesh ``domain`` that fits it, (cells,): that of the solid.
 
         In pockets it is the thickness of their floor as a share of the part's.
         """
