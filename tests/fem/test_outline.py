@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Domains from outlines: DXF, SVG, polygons; what is refused."""
+"""Domains from outlines: DXF, polygons; what is refused."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ from ezdxf.xclip import XClip
 
 from dolfinx_ffr import Domain, Part
 from dolfinx_ffr.fem import _compat
-
-SVG = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:i="http://i" {head}>{body}</svg>'
 
 
 def left(x: np.ndarray) -> np.ndarray:
@@ -144,25 +142,6 @@ def test_units(comm: MPI.Comm, tmp_path: Path, code: int, unit: str | None, leng
     assert body.area == pytest.approx(area, rel=1e-3)
 
 
-def test_svg(comm: MPI.Comm, tmp_path: Path) -> None:
-    """Shapes and groups with transforms, in the unit of the page, y upwards."""
-    path = tmp_path / "plate.svg"
-    body = (
-        '<g transform="translate(10,0)"><rect x="0" y="0" width="200" height="100"/>'
-        '<g i:label="bore"><circle cx="150" cy="30" r="10"/></g></g>'
-        '<path id="slot" d="M 40,60 h 40 a 10,5 0 0 1 0,10 h -40 Q 30,65 40,60 Z"/>'
-    )
-    path.write_text(SVG.format(head='width="110mm" height="50mm" viewBox="0 0 220 100"', body=body))
-    found = Domain.from_outline(
-        comm, path, interfaces={"pin": "bore", "slot": "slot"}, size=0.0015, order=2
-    )
-    np.testing.assert_allclose(found.bounding_box, [[0.005, -0.05], [0.105, 0.0]], atol=1e-12)
-    np.testing.assert_allclose(found.interfaces["pin"].center, [0.08, -0.015], atol=1e-9)
-    # a parabola bulges by a half of its control point's distance, and covers two thirds of it
-    slot = 40 * 10 + 0.5 * np.pi * 10 * 5 + 2 / 3 * 5 * 10
-    assert found.area == pytest.approx(0.25e-6 * (200 * 100 - np.pi * 100 - slot), rel=1e-5)
-
-
 def test_polygons(comm: MPI.Comm) -> None:
     """Rings of points, with a hole and a piece of its own in the hole; polygons of shapely."""
     rings = [np.array(shapely.box(*b).exterior.coords) for b in ((0, 0, 9, 9), (1, 1, 8, 8))]
@@ -247,49 +226,6 @@ def test_an_entity_of_an_unknown_kind(comm: MPI.Comm, tmp_path: Path) -> None:
         Domain.from_outline(comm, path, interfaces={"a": left}, size=0.01)
 
 
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        ('<g id="a"><use href="#a"/></g>', "<use> of '#a' refers to itself; delete it"),
-        (
-            '<defs><g id="a"><use href="#b"/></g><g id="b"><use href="#a"/></g></defs>'
-            '<use href="#a"/>',
-            "<use> of '#a' refers to itself",
-        ),
-        ('<use href="#none"/>', "<use> refers to '#none', which is not in the file; embed it"),
-        ('<use href="other.svg#a"/>', r"<use> refers to 'other\.svg#a', which is not"),
-        ("</svg><svg>", "no SVG file that can be read"),
-        ("<g>" * 5000 + '<circle r="1"/>' + "</g>" * 5000, "nested too deeply to be read"),
-        (
-            '<clipPath id="c"><rect width="9" height="9"/></clipPath>'
-            '<g style="clip-path:url(#c)"><circle r="1"/></g>',
-            "'a shape' is seen through a clip-path",
-        ),
-        ('<circle r="1" display="none"/>', "it holds no curves that are drawn; hidden ones"),
-        ('<svg viewBox="0 0 0 9"><circle r="1"/></svg>', "viewBox='0 0 0 9' is no view"),
-        ('<rect width="50%" height="5"/>', "width='50%' of a page of unknown size"),
-        ('<path d="M 0 0 L 1 q 4"/>', "no SVG file that can be read"),
-        ("<html><circle r='1'/></html>", "no SVG file that can be read: it begins with <html>"),
-    ],
-)
-def test_faulty_svg(comm: MPI.Comm, tmp_path: Path, body: str, message: str) -> None:
-    path = tmp_path / "page.svg"
-    page = SVG.format(head='width="100%"', body=body)
-    path.write_text(body if body.startswith("<html>") else page)
-    with pytest.raises(ValueError, match=message):
-        Domain.from_outline(comm, path, interfaces={"a": left}, size=0.01, unit="mm")
-
-
-def test_svg_with_an_older_library(
-    comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As Debian 13 has it: the message says what to do."""
-    monkeypatch.delattr("svgelements.Use")
-    (tmp_path / "page.svg").write_text(SVG.format(head="", body='<circle r="1"/>'))
-    with pytest.raises(ImportError, match=r"need svgelements 1.9, and Debian 13"):
-        Domain.from_outline(comm, tmp_path / "page.svg", interfaces={"a": left}, size=0.01)
-
-
 @pytest.mark.parametrize("outline", [[], shapely.Polygon(), [np.zeros((0, 2))], [np.ones((3, 2))]])
 def test_empty_outlines(comm: MPI.Comm, outline: Any) -> None:
     with pytest.raises(ValueError, match="outline: it is empty; give rings of at least three"):
@@ -326,22 +262,16 @@ def test_what_is_missing(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     path = shared_tmp_path / "rod.dxf"
     if comm.rank == 0:
         drawn(path, rectangle, 0)
-        (shared_tmp_path / "page.svg").write_text(
-            SVG.format(head='viewBox="0 0 9 9"', body='<rect width="5" height="5"/>')
-        )
-        (shared_tmp_path / "broken.svg").write_text("<svg")
         (shared_tmp_path / "broken.dxf").write_text("no drawing")
     comm.Barrier()
 
     no_unit, unreadable = r"does not say its unit.*give unit='mm'", "file that can be read"
     faults: list[tuple[str, dict[str, Any], type[Exception], str]] = [
         ("rod.dxf", {"unit": None}, ValueError, no_unit),
-        ("page.svg", {"unit": None}, ValueError, no_unit),
-        ("broken.svg", {}, ValueError, unreadable),
         ("broken.dxf", {}, ValueError, unreadable),
         ("rod.dxf", {"interfaces": {"a": "b"}}, ValueError, r"no curve has the name 'b'.*\['0'\]"),
         ("rod.dxf", {"unit": "foot"}, ValueError, "outline: unit must be one of"),
-        ("rod.step", {}, ValueError, r"ends in \.dxf or \.svg"),
+        ("rod.svg", {}, ValueError, r"ends in \.dxf, .* Inkscape, save \.dxf, too"),
         ("none.dxf", {}, FileNotFoundError, "does not exist"),
         ("rod.dxf", {"size": 0.0}, ValueError, "size must be positive"),
     ]
@@ -367,32 +297,3 @@ def test_a_ring_of_pieces() -> None:
     np.testing.assert_allclose(body.interfaces["bore"].center, 0.0, atol=1e-12)
     with pytest.raises(ValueError, match="a piece of a ring needs at least two points"):
         Domain.from_outline(MPI.COMM_SELF, [[half, half[:1]]], interfaces=interfaces, size=0.01)
-
-
-#: Each entity is ten of the one before
-TENFOLD = "".join(
-    f"<!ENTITY {name} '{f'&{before};' * 10}'>"
-    for before, name in zip("abcdefghi", "bcdefghij", strict=True)
-)
-
-
-@pytest.mark.parametrize(
-    ("head", "inside", "message"),
-    [
-        (f"<!DOCTYPE svg [<!ENTITY a 'words'>{TENFOLD}]>", "&j;", "amplification factor"),
-        ("<!DOCTYPE svg [<!ENTITY a SYSTEM 'file:///etc/passwd'>]>", "&a;", "undefined entity"),
-        ("<?xml version='1.0' encoding='nonsense'?>", "", "unknown encoding"),
-        ("", "<g>" * 20_000 + "</g>" * 20_000, "nested too deeply"),
-    ],
-)
-def test_svg_files_that_are_meant_to_do_harm(
-    tmp_path: Path, head: str, inside: str, message: str
-) -> None:
-    """Entities are not expanded without bounds, and nothing is read from other files."""
-    path = tmp_path / "plate.svg"
-    page = 'xmlns="http://www.w3.org/2000/svg" width="9mm" height="9mm" viewBox="0 0 9 9"'
-    path.write_text(f'{head}<svg {page}><path d="M 0 0 H 9 V 9 Z"/>{inside}</svg>')
-    with pytest.raises(ValueError, match=f"plate.svg: .*{message}"):
-        Domain.from_outline(
-            MPI.COMM_SELF, path, interfaces={"left": lambda x: x[0] < 1e-9}, size=0.003
-        )

@@ -316,19 +316,18 @@ class Domain:
 
         Args:
             comm: Communicator over which the mesh is distributed; rank 0 reads and meshes.
-            outline: A .dxf or .svg file, rings of points (n, 2), or polygons of shapely. Lines,
-                arcs and splines stay what they are; y of SVG files, downwards, is turned. A ring
-                may be a list of pieces (n, 2) that follow each other: two points are a line, three
-                an arc of the circle through them, more a cubic spline.
-            interfaces: For each name the layer (.dxf), id or label (.svg) of its curves, a point
+            outline: A .dxf file, rings of points (n, 2), or polygons of shapely. Lines, arcs and
+                splines stay what they are. A ring may be a list of pieces (n, 2) that follow each
+                other: two points are a line, three an arc of the circle through them, more a cubic
+                spline.
+            interfaces: For each name the layer of its curves, a point
                 in it, ``ffr.fem.Bore(at=(x, y))``, the box that it lies in, ``ffr.fem.Box``, or a
                 predicate as for `Domain`. A curve on a boundary that is drawn already only names
                 it.
             size: Of the triangles [m].
             unit: Of the outline, "mm", "cm", "m" or "in"; by default that of the file, or metres.
-            layers: Of a file, those of the outline, or ids or labels; layers that name interfaces
-                count, too. By default all. Curves of line types with gaps (CENTER, HIDDEN) never
-                do.
+            layers: Of a file, those of the outline; layers that name interfaces count, too. By
+                default all. Curves of line types with gaps (CENTER, HIDDEN) never do.
             inside: Of several parts on a sheet that around this point, which is in its material
                 [m]; curves that do not meet the part are left out.
             gap: Loose ends nearer to each other than this are joined [m]; by default a ten

@@ -103,8 +103,8 @@ def _refuse_unknown_names(
     missing = [name for name in wanted if name not in known]
     if missing:
         raise ValueError(
-            f"{source}: no curve has the name {', '.join(map(repr, missing))}; its layers, ids and "
-            f"labels are {sorted(known) or 'none'}"
+            f"{source}: no curve has the name {', '.join(map(repr, missing))}; its layers "
+            f"are {sorted(known) or 'none'}"
         )
 
 

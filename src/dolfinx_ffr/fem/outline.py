@@ -28,11 +28,9 @@ from .loops import closed_outline, samples
 from .mesh_file import TaggedMesh, read_gmsh_model
 from .plane_mesh import Drawing, cells_along, check_size, gmsh_model, mesh_faces
 from .rims import with_rims
-from .svg_file import read_svg
 
 #: Units of drawings [m]
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
-_READERS = {".dxf": read_dxf, ".svg": read_svg}
 #: Name of the group of curves that are in no interface
 _REST = "outline"
 #: No coordinate of a body is farther away [m]
@@ -46,7 +44,7 @@ class Sheet:
     """How a drawing is read: its unit, and which of its curves are the outline."""
 
     unit: str | None = None  #: One of UNITS; None takes that of the file, or metres
-    layers: Sequence[str] | None = None  #: Layers, ids or labels of the outline; None takes all
+    layers: Sequence[str] | None = None  #: Layers of the outline; None takes all
     inside: Sequence[float] | None = None  #: A point in the part that is meant, (2,) [m]
     gap: float | None = None  #: Largest distance between loose ends that are joined [m]
 
@@ -163,15 +161,18 @@ def read_outline(
             raise ValueError("outline: it is empty; give rings of at least three points")
         return found
     path = validation.path("outline", outline)
-    if path.suffix.lower() not in _READERS:
-        raise ValueError(f"outline {path}: give a file that ends in .dxf or .svg, or polygons")
+    if path.suffix.lower() != ".dxf":
+        raise ValueError(
+            f"outline {path}: give a file that ends in .dxf, or polygons; programs for vector "
+            "drawings, as Inkscape, save .dxf, too"
+        )
     if not path.is_file():
         raise FileNotFoundError(f"outline {path} does not exist")
     try:
-        found = _READERS[path.suffix.lower()](path, scale, layers)
+        found = read_dxf(path, scale, layers)
     except RecursionError:
         raise ValueError(
-            f"outline {path}: its groups or blocks are nested too deeply to be read; ungroup them"
+            f"outline {path}: its blocks are nested too deeply to be read; explode them"
         ) from None
     if not found:
         on = "" if layers is None else f" on {', '.join(map(repr, layers))}"
