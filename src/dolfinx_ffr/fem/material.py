@@ -234,7 +234,7 @@ class Interpolation(Protocol):
 
 
 #: Exponents of SIMP for elements that a boundary cuts, by cell, for orders 1 and 2, which give psi
-#: of a mesh that fits the boundary (docs/from_field_to_part.md, what a cut element is worth).
+#: of a mesh that fits the boundary (docs/from_field_to_part.md).
 #: Linear elements add stiffness of their own, which makes up for a larger exponent.
 CUT = {
     "quadrilateral": (1.35, 1.25),
