@@ -50,6 +50,7 @@ FLOORS = (
     "files",
     "surroundings",
     "documentation",
+    "tensors",
     "arrays",
 )
 #: What knows nothing of finite elements and of other ranks.

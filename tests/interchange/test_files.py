@@ -181,9 +181,7 @@ def test_three_hundred_damaged_files(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [
-        ("mbdyn", rb"markers=\[.*\]", b"markers=" + b"[" * 100_000 + b"]", "recursion"),
-        ("mbsim", rb"<\?xml.*?>", b'<!DOCTYPE x [<!ENTITY a "a">]>', "declares entities"),
-        ("mbsim", rb"UTF-8", b"nonsense", "unknown encoding: nonsense"),
+        ("sid", rb"markers=\[.*\]", b"markers=" + b"[" * 100_000 + b"]", "recursion"),
         ("sid", rb"x", b"x", "of 2 modes is more than the memory"),
     ],
 )
@@ -195,7 +193,7 @@ def test_files_that_are_meant_to_do_harm(
     cloud(2).save(path, format=name)
     content = path.read_bytes().replace(b"dolfinx_ffr crc32", b"others")
     path.write_bytes(re.sub(old, new, content, count=1))
-    if name == "sid":
+    if "memory" in message:
         monkeypatch.setattr(sid, "available_memory", lambda: 10)
     with pytest.raises(ValueError, match=f"body file {re.escape(str(path))}: .*{message}"):
         VolumeIntegrals.load(path, format=name)

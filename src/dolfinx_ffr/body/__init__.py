@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from ..interchange import axial as axial
-from ..interchange import cross_matrix as cross_matrix
-from ..interchange import theta as theta
+from ..tensors import axial as axial
+from ..tensors import cross_matrix as cross_matrix
+from ..tensors import theta as theta
 from .marker import LOADS
 from .marker import BodyMarker as BodyMarker
 from .parametric import ParametricBody as ParametricBody

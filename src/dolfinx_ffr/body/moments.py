@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..arrays import Array
-from ..interchange import axial
+from ..tensors import axial
 from .marker import ASYMMETRY, largest_share
 
 #: Smallest eigenvalue of a matrix at unit diagonal that passes for zero.

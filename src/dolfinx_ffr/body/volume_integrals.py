@@ -38,13 +38,11 @@ from ..documentation import Shown
 from ..interchange import (
     MARKERS,
     STIFFENING,
-    axial,
-    cross_matrix,
     read_body,
-    theta,
     write_body,
 )
 from ..mechanism import RayleighDamping
+from ..tensors import axial, cross_matrix, theta
 from .marker import (
     ASYMMETRY,
     LOADS,

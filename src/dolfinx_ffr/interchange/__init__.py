@@ -18,7 +18,6 @@ from .files import write_body as write_body
 from .format import Arrays as Arrays
 from .format import Format as Format
 from .format import InterchangeWarning as InterchangeWarning
-from .format import axial, cross_matrix, theta
 from .nastran import read_nastran as read_nastran
 from .numpy_file import MARKERS, STIFFENING, write_all
 from .sid import read_terms as read_terms

@@ -78,11 +78,11 @@ class AssembledMatrices:
         return float(self.mass[0::3, 0::3].sum())
 
 
-def _matrix(what: str, given: Any, size: int) -> scipy.sparse.csr_matrix:
+def _matrix(what: str, entries: Any, size: int) -> scipy.sparse.csr_matrix:
     """A symmetric matrix of finite numbers."""
-    if not scipy.sparse.issparse(given):
-        given = validation.real_array(what, given, (size, size))
-    matrix = scipy.sparse.csr_matrix(given, dtype=np.float64)
+    if not scipy.sparse.issparse(entries):
+        entries = validation.real_array(what, entries, (size, size))
+    matrix = scipy.sparse.csr_matrix(entries, dtype=np.float64)
     matrix.sum_duplicates()
     if matrix.shape != (size, size):
         raise ValueError(
@@ -91,54 +91,54 @@ def _matrix(what: str, given: Any, size: int) -> scipy.sparse.csr_matrix:
         )
     if not np.all(np.isfinite(matrix.data)):
         raise ValueError(f"{what} has entries that are not finite")
-    apart = abs(matrix - matrix.T)
-    at = int(np.argmax(apart.data)) if apart.nnz else 0
-    if apart.nnz and apart.data[at] > _SAME * np.max(np.abs(matrix.data)):
-        row = int(np.searchsorted(apart.indptr, at, side="right") - 1)
+    difference = abs(matrix - matrix.T)
+    entry = int(np.argmax(difference.data)) if difference.nnz else 0
+    if difference.nnz and difference.data[entry] > _SAME * np.max(np.abs(matrix.data)):
+        row = int(np.searchsorted(difference.indptr, entry, side="right") - 1)
         raise ValueError(
-            f"{what} must be symmetric, but rows {row} and {apart.indices[at]} differ by "
-            f"{apart.data[at]:.2g}: is a triangle of it incomplete?"
+            f"{what} must be symmetric, but rows {row} and {difference.indices[entry]} differ by "
+            f"{difference.data[entry]:.2g}: is a triangle of it incomplete?"
         )
     return 0.5 * (matrix + matrix.T)
 
 
-def _nodes(what: str, given: ArrayLike, n: int) -> Integers:
+def _nodes(what: str, members: ArrayLike, n: int) -> Integers:
     """Different rows of the nodes, by their numbers from 0 or by a mask."""
-    validation.refuse_masked(what, given)
-    array = np.asarray(given)
+    validation.refuse_masked(what, members)
+    array = np.asarray(members)
     if array.dtype == np.bool_ and array.shape == (n,):
         array = np.flatnonzero(array)
     if array.dtype.kind not in "iu" and array.size:
         raise TypeError(
-            f"{what} must hold rows of the nodes, but it is {validation.described(given)}"
+            f"{what} must hold rows of the nodes, but it is {validation.described(members)}"
         )
-    found = np.unique(array.astype(np.int64))
-    if len(found) and (found[0] < 0 or found[-1] >= n):
-        counted = "; rows count from 0, take 1 from each" if found[-1] == n and found[0] > 0 else ""
+    rows = np.unique(array.astype(np.int64))
+    if len(rows) and (rows[0] < 0 or rows[-1] >= n):
+        hint = "; rows count from 0, take 1 from each" if rows[-1] == n and rows[0] > 0 else ""
         raise ValueError(
-            f"{what} must name rows 0 to {n - 1} of the {n} nodes, but it names {found[0]} to "
-            f"{found[-1]}{counted}"
+            f"{what} must name rows 0 to {n - 1} of the {n} nodes, but it names {rows[0]} to "
+            f"{rows[-1]}{hint}"
         )
-    if len(found) < 3:
+    if len(rows) < 3:
         raise ValueError(
             f"{what} must name at least three of the {n} nodes, to hold a body against rotation, "
-            f"but it has {len(found)}"
+            f"but it has {len(rows)}"
         )
-    return found
+    return rows
 
 
 def _check_mass(mass: scipy.sparse.csr_matrix) -> None:
     """Refuse a mass that couples the axes, differs from axis to axis, or is not positive."""
-    of = [mass[k::3, k::3] for k in range(3)]
-    coupled = max(abs(mass[k::3, j::3]).max() for k in range(3) for j in range(3) if j != k)
-    apart = max(abs(of[0] - other).max() for other in of[1:])
+    by_axis = [mass[k::3, k::3] for k in range(3)]
+    coupling = max(abs(mass[k::3, j::3]).max() for k in range(3) for j in range(3) if j != k)
+    difference = max(abs(by_axis[0] - other).max() for other in by_axis[1:])
     size, smallest = abs(mass).max(), mass.diagonal().min()
-    if max(coupled, apart) > _SAME * size:
+    if max(coupling, difference) > _SAME * size:
         raise ValueError(
             "matrices: the mass couples the axes or differs between them: only solid elements with "
             "three displacements at each node are possible, no shells, beams or added masses"
         )
-    if not (smallest > 0.0 and of[0].sum() > 0.0):
+    if not (smallest > 0.0 and by_axis[0].sum() > 0.0):
         row = int(np.argmin(mass.diagonal()))
         raise ValueError(
             f"matrices: the mass of node {row // 3} is not positive ({smallest:.2g} kg)"
@@ -155,11 +155,11 @@ def _check_rigid(stiffness: scipy.sparse.csr_matrix, nodes: Array) -> None:
     block = fields.reshape(-1, 6)
     forces = np.max(np.abs(stiffness @ block), axis=0)
     bound = _SAME * max(abs(stiffness).max(), 0.0)
-    held = [name for name, force in zip(_MOTIONS, forces, strict=True) if not force <= bound]
-    if held:
+    resisted = [name for name, force in zip(_MOTIONS, forces, strict=True) if not force <= bound]
+    if resisted:
         raise ValueError(
             "matrices: a body that nothing holds has six motions without strain, but the stiffness "
-            f"resists {', '.join(held)}: leave out constraints and springs to the ground, and "
+            f"resists {', '.join(resisted)}: leave out constraints and springs to the ground, and "
             "check the units and the order of the nodes"
         )
     if not stiffness.diagonal().min() > 0.0:
@@ -173,12 +173,12 @@ def from_entries(
     """A symmetric matrix (n, n) from entries of one triangle or of both, counted from zero."""
     if len(rows) and (min(rows.min(), columns.min()) < 0 or max(rows.max(), columns.max()) >= n):
         raise ValueError(f"{what}: an entry lies outside of its {n} rows")
-    given = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(n, n))
-    if given.nnz != len(values):
-        raise ValueError(f"{what}: {len(values) - given.nnz} entries stand twice")
+    matrix = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(n, n))
+    if matrix.nnz != len(values):
+        raise ValueError(f"{what}: {len(values) - matrix.nnz} entries stand twice")
     if np.any(rows > columns) and np.any(rows < columns):
-        return given
-    return given + given.T - scipy.sparse.diags(given.diagonal())
+        return matrix
+    return matrix + matrix.T - scipy.sparse.diags(matrix.diagonal())
 
 
 def read_table(path: Path, columns: int | tuple[int, ...]) -> Array:
@@ -229,11 +229,11 @@ def surface(elements: Sequence[Integers]) -> Integers:
                 keys.append(key)
     if not triangles:
         return np.zeros((0, 3), dtype=np.int64)
-    every, key = np.vstack(triangles), np.vstack(keys)
-    _, back, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
-    # a face of four corners stands there with its two triangles
-    alone = count[back.ravel()] == np.where(key[:, 3] < 0, 1, 2)
-    return every[alone]
+    all_triangles, faces = np.vstack(triangles), np.vstack(keys)
+    _, inverse, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
+    # a face of four corners has two triangles
+    on_surface = count[inverse.ravel()] == np.where(faces[:, 3] < 0, 1, 2)
+    return all_triangles[on_surface]
 
 
 def solid_corners(nodes: int) -> bool:

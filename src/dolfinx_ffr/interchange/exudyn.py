@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 
 from ..archive import Head
-from .format import Arrays, axial, cross_matrix, elastic, markers, of_theta, theta
+from ..tensors import axial, cross_matrix, of_theta, theta
+from .format import Arrays, elastic, markers
 from .numpy_file import open_archive, read_arrays, write_all
 
 #: What a file of Exudyn must have for a body to be made of it

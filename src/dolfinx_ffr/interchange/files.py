@@ -12,8 +12,6 @@ import numpy as np
 from .. import validation
 from .exudyn import Exudyn
 from .format import FEATURES, Arrays, Format, InterchangeWarning
-from .mbdyn import MBDyn
-from .mbsim import MBSim
 from .nastran import Nastran
 from .numpy_file import NumpyFile
 from .sid import StandardInputData
@@ -23,8 +21,6 @@ _KINDS: tuple[Format, ...] = (
     NumpyFile(),
     StandardInputData(),
     Exudyn(),
-    MBDyn(),
-    MBSim(),
     Nastran(),
     Simscape(),
 )
@@ -87,9 +83,10 @@ def read_body(path: str | Path, format: str | None = None) -> dict[str, Any]:
         TypeError,
         ValueError,
     ) as error:
-        told = str(error)
-        told = told if told.startswith("body file") else f"body file {path}: {told}"
-        raise ValueError(told) from error
+        message = str(error)
+        if not message.startswith("body file"):
+            message = f"body file {path}: {message}"
+        raise ValueError(message) from error
 
     if kind.name != "npz":
         # what is zero in a body, as moments across a flat one, and round-off after contractions

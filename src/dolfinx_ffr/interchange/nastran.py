@@ -61,17 +61,17 @@ class Nastran:
 
     def write(self, path: Path, arrays: Arrays) -> None:
         bdf, _ = _pynastran("a body file of Nastran")
-        made = superelement(arrays)
-        n, size = len(made.names), len(made.mass)
+        body = superelement(arrays)
+        n, size = len(body.names), len(body.mass)
         model = bdf.BDF(debug=None)
-        for k, place in enumerate(made.positions, 1):
-            model.add_grid(k, place, comment=f"interface {made.names[k - 1]}")
+        for k, (name, position) in enumerate(zip(body.names, body.positions, strict=True), 1):
+            model.add_grid(k, position, comment=f"interface {name}")
         points = list(range(n + 1, n + 1 + size - 6 * n))
         if points:
             model.add_spoint(points)
         labels = [(k, axis) for k in range(1, n + 1) for axis in range(1, 7)]
         labels += [(k, 0) for k in points]
-        for name, matrix in (("KAAX", made.stiffness), ("MAAX", made.mass)):
+        for name, matrix in (("KAAX", body.stiffness), ("MAAX", body.mass)):
             rows, columns = np.nonzero(np.tril(matrix))
             model.add_dmig(
                 name,
@@ -119,30 +119,30 @@ def read_nastran(
     bdf, module = _pynastran("read_nastran")
     path = validation.path("read_nastran: model", model)
     source = path if op4 is None else validation.path("read_nastran: op4", op4)
-    for each in (path, source):
-        each.read_bytes()  # an error of its own where there is no such file
+    for file in (path, source):
+        file.read_bytes()  # an error of its own where there is no such file
     try:
-        read = _bulk_data(bdf, path)
-        labels = np.array(sorted(read.nodes), dtype=np.int64)
-        places = np.array([read.nodes[label].xyz for label in labels]).reshape(-1, 3)
+        bulk_data = _bulk_data(bdf, path)
+        grids, defaults = bulk_data.nodes, bulk_data.grdset
+        labels = np.array(sorted(grids), dtype=np.int64)
+        nodes = np.array([grids[label].xyz for label in labels]).reshape(-1, 3)
         n = 3 * len(labels)
-        if any(read.nodes[label].Cp() for label in labels) or (read.grdset and read.grdset.Cp()):
+        if any(grid.Cp() for grid in grids.values()) or (defaults and defaults.Cp()):
             raise ValueError("GRIDs must be given in basic coordinates")
-        matrices = read.dmig
+        matrices = bulk_data.dmig
         if op4 is not None:
             with redirect_stdout(io.StringIO()):
                 matrices = module.read_op4(str(op4), debug=False)
-        found = {}
-        for key, name in (("stiffness", stiffness), ("mass", mass)):
+
+        def matrix(name: str) -> scipy.sparse.csr_matrix:
             if name not in matrices:
                 raise ValueError(f"it has no matrix {name!r}, but {sorted(matrices) or 'none'}")
-            of = matrices[name]
-            found[key] = _of_dmig(of, labels, n) if op4 is None else _of_op4(name, of, n)
-        sets = {
-            name: np.searchsorted(labels, _known(name, of, labels))
-            for name, of in validation.by_name("node_sets", node_sets, "labels").items()
-        }
-        return AssembledMatrices(found["stiffness"], found["mass"], places, sets)
+            entries = matrices[name]
+            return _of_dmig(entries, labels, n) if op4 is None else _of_op4(name, entries, n)
+
+        by_name = validation.by_name("node_sets", node_sets, "labels")
+        sets = {name: _rows(name, members, labels) for name, members in by_name.items()}
+        return AssembledMatrices(matrix(stiffness), matrix(mass), nodes, sets)
     except Exception as error:  # pyNastran raises anything on damaged files
         kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
         raise ValueError(f"{source} with {path.name}: {kind}{error}") from error
@@ -166,7 +166,7 @@ def _cards(path: Path, folder: Path, depth: int) -> Iterator[str]:
     """The lines of the cards in a file that are read, and of those that it includes."""
     if depth > _DEEPEST:
         raise ValueError(f"{path}: files include each other without end")
-    wanted = False
+    is_read = False  # whether the lines belong to a card that is read
     text = path.read_text(encoding="utf-8", errors="replace")
     lines = iter(text.splitlines())
     for line in lines:
@@ -177,11 +177,11 @@ def _cards(path: Path, folder: Path, depth: int) -> Iterator[str]:
         card = name[0].upper() if name else ""
         if card == "INCLUDE":
             # the name may go on in further lines, up to the second quotation mark
-            named = line[len(card) :].strip()
-            while named[:1] in ("'", '"') and named.count(named[0]) < 2:
-                named += next(lines, named[0]).strip()
-            yield from _cards(included_file(named.strip("'\""), folder), folder, depth + 1)
-            wanted = False
+            included = line[len(card) :].strip()
+            while included[:1] in ("'", '"') and included.count(included[0]) < 2:
+                included += next(lines, included[0]).strip()
+            yield from _cards(included_file(included.strip("'\""), folder), folder, depth + 1)
+            is_read = False
         elif card == "ENDDATA":
             return
         elif re.match(r"BEGIN\s+SUPER", line, re.IGNORECASE):
@@ -190,14 +190,14 @@ def _cards(path: Path, folder: Path, depth: int) -> Iterator[str]:
                 "interfaces alone; needed are the matrices of all nodes (PARAM,EXTOUT,DMIGPCH)"
             )
         else:
-            wanted = card in _CARDS if card else wanted  # lines without a name go on with a card
-            if wanted:
+            is_read = card in _CARDS if card else is_read  # lines without a name go on with a card
+            if is_read:
                 yield line
 
 
-def _of_op4(name: str, given: Any, n: int) -> scipy.sparse.csr_matrix:
+def _of_op4(name: str, entries: Any, n: int) -> scipy.sparse.csr_matrix:
     """A matrix (n, n) of an OP4 file."""
-    matrix = given[1] if isinstance(given, tuple) else given.data
+    matrix = entries[1] if isinstance(entries, tuple) else entries.data
     if matrix.shape != (n, n):  # before anything is made of it, as a file may promise any size
         raise ValueError(f"{name} must have the shape {(n, n)}, but it has {matrix.shape}")
     return scipy.sparse.csr_matrix(matrix)
@@ -205,18 +205,19 @@ def _of_op4(name: str, given: Any, n: int) -> scipy.sparse.csr_matrix:
 
 def _of_dmig(dmig: Any, labels: Integers, n: int) -> scipy.sparse.csr_matrix:
     """A matrix in the order of the nodes."""
-    index = []
+    indices = []
     for pairs in (dmig.GCi, dmig.GCj):
         node, axis = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
         if len(axis) and not (axis.min() >= 1 and axis.max() <= 3):
             raise ValueError(f"{dmig.name}: components must be 1, 2 or 3, as of solid elements")
-        index.append(3 * np.searchsorted(labels, _known(dmig.name, node, labels)) + axis - 1)
-    rows, columns = index
+        indices.append(3 * _rows(dmig.name, node, labels) + axis - 1)
+    rows, columns = indices
     return from_entries(dmig.name, rows, columns, np.array(dmig.Real, dtype=np.float64), n)
 
 
-def _known(what: str, given: ArrayLike, labels: Integers) -> Integers:
-    found = np.asarray(given, dtype=np.int64).ravel()
-    if missing := np.setdiff1d(found, labels)[:5].tolist():
+def _rows(what: str, nodes: ArrayLike, labels: Integers) -> Integers:
+    """Rows of some nodes, given by their labels, among all sorted labels."""
+    nodes = np.asarray(nodes, dtype=np.int64).ravel()
+    if missing := np.setdiff1d(nodes, labels)[:5].tolist():
         raise ValueError(f"{what} names the nodes {missing}, which are not there")
-    return found
+    return np.asarray(np.searchsorted(labels, nodes))

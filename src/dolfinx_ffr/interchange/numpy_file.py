@@ -91,9 +91,9 @@ def _check_heads(heads: Mapping[str, Head]) -> None:
         hint = "; P may stand instead of G and N" if {"G", "N"} & set(missing) else ""
         raise ValueError(f"keys {missing} are missing, there are {sorted(heads)}{hint}")
     for key, head in heads.items():
-        kinds, held = ("U", "text") if key == "markers" else ("fiu", "real numbers")
+        kinds, content = ("U", "text") if key == "markers" else ("fiu", "real numbers")
         if head.dtype.kind not in kinds:
-            raise ValueError(f"{key} must hold {held}, but its type is {head.dtype}")
+            raise ValueError(f"{key} must hold {content}, but its type is {head.dtype}")
     if heads["mass"].shape != ():
         raise ValueError(f"mass must be one number, but it has shape {heads['mass'].shape}")
     # second moments stand once for the rigid body and once for each shape function

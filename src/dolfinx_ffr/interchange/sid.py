@@ -44,26 +44,23 @@ import scipy.linalg
 from ..arrays import Array
 from ..files import replace_file
 from ..limits import available_memory
+from ..tensors import axial, cross_matrix, of_theta, theta
 from .format import (
     FEATURES,
     SEAL,
     Arrays,
     InterchangeWarning,
-    axial,
-    centrifugal,
-    cross_matrix,
     elastic,
     markers,
     number,
-    of_parts,
-    of_theta,
     sealed,
-    theta,
     unsealed,
 )
 
 #: Terms of order zero, and of order one with the index of q before that of the column
 Taylor = tuple[Array, Array | None]
+#: Pairs of axes of products of angular velocities 11, 22, 33, 12, 23, 13
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 _J = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _NODE = {"origin": (3, 1), "phi": (3, None), "psi": (3, None), "AP": (3, 3), "sigma": (6, 1)}
 _FIELDS = ("order", "nrow", "ncol", "nq", "nqn", "structure")
@@ -154,7 +151,7 @@ def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
             by_gyro.transpose(2, 1, 0, 3).reshape(3, r, 3 * r),
         ),
         "Ge": (2.0 * axial(second).reshape(r, 3 * r), None),
-        "Oe": (centrifugal(first), centrifugal(bent)),
+        "Oe": (_centrifugal(first), _centrifugal(bent)),
         "ksigma": (np.zeros((r, 1)), None),
         "Ke": (K, None),
         "De": (arrays.get("damping", np.zeros((r, r))), None),
@@ -351,7 +348,7 @@ def _body(
     if np.any(first_order("Gr")):
         _alike("Cr", spun, "Gr", axial(P[1:, 1:]))
     size = np.sqrt(np.abs(np.outer(np.diag(Me), np.diag(Me))))
-    turned = of_parts(by_oe - centrifugal(P[1:, 1:]), kept)
+    turned = _of_parts(by_oe - _centrifugal(P[1:, 1:]), kept)
     stiff = {
         "stiffening_rotation": np.moveaxis(turned, (2, 3), (0, 1)),
         "stiffening_acceleration": np.moveaxis(first_order("Ct"), 2, 0),
@@ -420,7 +417,7 @@ def _mixed_moments(terms: dict[str, Taylor]) -> Array:
     gyro = 0.5 * terms["Gr"][0].reshape(3, r, 3).transpose(1, 0, 2)
     # some write the columns 13 and 23 of Oe the other way round
     both = [
-        of_parts(coefficients[:, order], vectors) for order in ([*range(6)], [0, 1, 2, 3, 5, 4])
+        _of_parts(coefficients[:, order], vectors) for order in ([*range(6)], [0, 1, 2, 3, 5, 4])
     ]
     apart = [_difference(theta(moments), gyro) for moments in both]
     _doubted("Gr and that of Cr and Oe, which are taken", min(apart))
@@ -471,7 +468,7 @@ def _second_moments(
     gram = np.block([[np.array([[mass]]), S[:1]], [S[:1].T, P[0, 0]]])
     along = np.concatenate([S[1:, :, None], P[1:, 0]], axis=2)  # j, component, 1 and X
     least = np.einsum("jma,ab,knb->jkmn", along, np.linalg.pinv(gram, hermitian=True), along)
-    found = of_parts(by_oe, spun)
+    found = _of_parts(by_oe, spun)
     found = 0.5 * (found + found.transpose(1, 0, 3, 2))
     size = float(np.max(np.diag(Me), initial=0.0))
     exact = _difference(np.trace(found, axis1=2, axis2=3), Me) <= _SAME
@@ -486,7 +483,7 @@ def _second_moments(
             "and J allow; the terms themselves can be had from read_terms"
         )
     rest = (Me - square * needed)[:, :, None, None] * np.eye(3) / 3.0
-    turns = of_parts(np.zeros((*Me.shape, 6)), spun - square * axial(least))
+    turns = _of_parts(np.zeros((*Me.shape, 6)), spun - square * axial(least))
     # the share of turns with which no mass is negative
     shares = (share for share in np.linspace(1.0, 0.0, 101) if smallest(rest + share * turns) >= 0)
     kept = float(next(shares, 0.0))
@@ -519,3 +516,24 @@ def _alike(what: str, one: Array, other: str, values: Array) -> None:
     """Refuse terms that say the same otherwise."""
     if (apart := _difference(one, values)) > _SAME:
         raise ValueError(f"{what} and {other} must agree, but entries differ by {apart:.1e}")
+
+
+def _centrifugal(Z: Array) -> Array:
+    """Coefficients of w . Z w - w^2 tr Z by products of angular velocities (`_PAIRS`), (..., 6)."""
+    turned = -theta(Z)
+    products = [turned[..., i, j] + (turned[..., j, i] if i != j else 0.0) for i, j in _PAIRS]
+    return np.stack(products, axis=-1)
+
+
+def _of_parts(coefficients: Array, vectors: Array) -> Array:
+    """The matrices (..., 3, 3) with these `_centrifugal` (..., 6) and `axial` (..., 3) parts."""
+    Z = np.empty((*coefficients.shape[:-1], 3, 3))
+    trace = -0.5 * coefficients[..., :3].sum(axis=-1)
+    for c, (i, j) in zip(np.moveaxis(coefficients, -1, 0), _PAIRS, strict=True):
+        if i == j:
+            Z[..., i, i] = c + trace
+            continue
+        # axial's component beside i and j is Z_ji - Z_ij for 12 and 23, and the negative for 13
+        turn = vectors[..., 3 - i - j] * (1.0 if j == i + 1 else -1.0)
+        Z[..., i, j], Z[..., j, i] = 0.5 * (c - turn), 0.5 * (c + turn)
+    return Z

@@ -29,10 +29,14 @@ class Simscape:
     readable = False
 
     def write(self, path: Path, arrays: Arrays) -> None:
-        made, content = superelement(arrays), io.BytesIO()
-        told = {"origins": made.positions, "K": made.stiffness, "M": made.mass}
-        names = np.array(made.names, dtype=object)
-        scipy.io.savemat(content, {**told, "names": names}, do_compression=True)
+        body, content = superelement(arrays), io.BytesIO()
+        variables = {
+            "origins": body.positions,
+            "K": body.stiffness,
+            "M": body.mass,
+            "names": np.array(body.names, dtype=object),
+        }
+        scipy.io.savemat(content, variables, do_compression=True)
         replace_file(path, content.getvalue())
 
     def read(self, path: Path) -> dict[str, Any]:

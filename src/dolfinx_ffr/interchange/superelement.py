@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
-from .format import Arrays, axial, cross_matrix, elastic, markers, theta
+from ..arrays import Array, Integers
+from ..tensors import axial, cross_matrix, theta
+from .format import Arrays, elastic, markers
 
 
 @dataclass(frozen=True)
@@ -29,41 +30,59 @@ class Superelement:
 def superelement(arrays: Arrays) -> Superelement:
     """The superelement of a body with the constraint modes of its interfaces, or a ValueError."""
     mass, S, P, K = elastic(arrays)
-    r, (every, at) = len(S) - 1, markers(arrays)
-    motions = np.concatenate([at["displacements"], at["rotations"]], axis=1)  # marker, 6, q
-    for n in range(len(every), 0, -1):  # as many as have no share in the modes that are left
-        of_interfaces = 6 * n - 6
-        if of_interfaces > r:
-            continue
-        own = np.flatnonzero(np.all(motions[:, :, of_interfaces:] == 0.0, axis=(1, 2)))
-        if len(own) == n:
-            break
-    else:
-        own, of_interfaces = np.zeros(0, dtype=np.int64), 0
-    size, inner = 6 + r, 6 + of_interfaces
-    T = np.eye(size)
-    if square := 6 * len(own) == inner:
-        for row, k in enumerate(own):
+    r = len(S) - 1
+    names, marker_arrays = markers(arrays)
+    positions = marker_arrays["positions"]
+    shapes = [marker_arrays["displacements"], marker_arrays["rotations"]]
+    motions = np.concatenate(shapes, axis=1)  # (markers, 6, modes)
+    interfaces, n_constraint_modes = _interfaces(motions)
+
+    # y = T x, see above; the normal modes stay as they are
+    T = np.eye(6 + r)
+    n_motions = 6 + n_constraint_modes
+    complete = 6 * len(interfaces) == n_motions
+    if complete:
+        for row, marker in enumerate(interfaces):
             block = T[6 * row : 6 * row + 6]
             block[:, :6] = np.eye(6)
-            block[:3, 3:6] = -cross_matrix(at["positions"][k])
-            block[:, 6:] = motions[k]
-    if not square or np.linalg.cond(T[:inner, :inner]) > 1e12:
+            block[:3, 3:6] = -cross_matrix(positions[marker])
+            block[:, 6:] = motions[marker]
+    if not complete or np.linalg.cond(T[:n_motions, :n_motions]) > 1e12:
         raise ValueError(
             "the body has not the shape functions of a superelement: those of Craig and Bampton, "
             "six for each interface but one, in space; bodies in the plane do not move out of it"
         )
+
     lever, turned = -cross_matrix(S[0]), axial(P[1:, 0]).T
-    whole = np.block(
+    body_mass = np.block(
         [
             [mass * np.eye(3), lever, S[1:].T],
             [lever.T, theta(P[0, 0]), turned],
             [S[1:], turned.T, np.einsum("abkk->ab", P[1:, 1:])],
         ]
     )
-    stiffness = np.zeros_like(whole)
-    stiffness[6:, 6:] = K
-    back = np.linalg.inv(T)
-    made = [back.T @ matrix @ back for matrix in (whole, stiffness)]
-    names = [every[k] for k in own]
-    return Superelement(names, at["positions"][own], *(0.5 * (m + m.T) for m in made))
+    body_stiffness = np.zeros_like(body_mass)
+    body_stiffness[6:, 6:] = K
+    inverse = np.linalg.inv(T)
+    mass_matrix, stiffness = (inverse.T @ m @ inverse for m in (body_mass, body_stiffness))
+    return Superelement(
+        names=[names[marker] for marker in interfaces],
+        positions=positions[interfaces],
+        mass=0.5 * (mass_matrix + mass_matrix.T),
+        stiffness=0.5 * (stiffness + stiffness.T),
+    )
+
+
+def _interfaces(motions: Array) -> tuple[Integers, int]:
+    """Markers of interfaces, which no normal mode moves, and the number of constraint modes.
+
+    The frame holds six motions of the interfaces, and each of the others has a constraint mode.
+    """
+    n_markers, _, r = motions.shape
+    for n in range(n_markers, 0, -1):
+        n_constraint_modes = 6 * n - 6
+        if n_constraint_modes <= r:
+            at_rest = np.all(motions[:, :, n_constraint_modes:] == 0.0, axis=(1, 2))
+            if np.count_nonzero(at_rest) == n:
+                return np.flatnonzero(at_rest), n_constraint_modes
+    return np.zeros(0, dtype=np.int64), 0
