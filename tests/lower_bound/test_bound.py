@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 from mpi4py import MPI
@@ -197,3 +198,9 @@ def refused(case: str) -> ffr.Problem:
 def test_refused_with_the_reason(case: str, reason: str) -> None:
     with pytest.raises(ValueError, match=f"bound: .*{reason}"):
         ffr.bound(refused(case))
+
+
+def test_an_outline_that_is_designed_has_no_bound() -> None:
+    result = SimpleNamespace(designs={"rod": SimpleNamespace()})
+    with pytest.raises(ValueError, match="outline of 'rod' is designed itself"):
+        ffr.Result.lower_bound.func(result)

@@ -47,6 +47,10 @@ def test_record_of_a_run(
     assert comm.allgather(json.dumps(record)) == [json.dumps(record)] * comm.size
     assert record["psi"] == result.psi
     assert record["objective"] == {"name": "IntegralCompliance", "unit": "J s"}
+    bound = record["bound"]
+    assert bound["text"].startswith("no part of this material within this outline has less than")
+    assert bound["gap"] == pytest.approx(found.psi / bound["psi"] - 1.0)
+    assert result.gap == pytest.approx(result.psi / bound["psi"] - 1.0)
     assert record["references"] == {"full rod": full.psi, "what holds nothing": None}
     volume = record["constraints"]["volume of rod"]
     assert volume["bound"] == 0.8

@@ -36,6 +36,13 @@ def record() -> dict[str, Any]:
         "modes": {"rod": 8},
         "mode_error": 1.5e-3,
         "objective": {"name": "IntegralCompliance", "unit": "J s"},
+        "bound": {
+            "psi": 2.45e-5,
+            "full": 6.0e-5,
+            "sheet": 2.5e-5,
+            "gap": 0.35,
+            "text": "no part has less than 0.408 of the full rod's psi",
+        },
         "load_cases": {},
         "references": {"full rod": 6.0e-5, "strip": 9.0e-5},
         "constraints": {

@@ -66,6 +66,11 @@ class LowerBound(Shown):
         """How far a value ``psi`` of a part is above the bound at most, relative to it."""
         return psi / self.psi - 1.0
 
+    def record(self, psi: float) -> dict[str, float | str]:
+        """What the bound says of a part with the value ``psi``, for `write_summary`."""
+        found = {"psi": self.psi, "full": self.full, "gap": self.gap(psi)}
+        return {**found, "sheet": self.sheet_psi, "text": self.sentence(psi)}
+
     def sentence(self, psi: float) -> str:
         """What the bound says of a part with the value ``psi``."""
         names = list(self.sheet)
@@ -74,10 +79,12 @@ class LowerBound(Shown):
         if not one:
             parts = "no parts of these materials within these outlines have"
         whose = f"full {names[0]}'s" if one else "full bodies'"
-        return (
-            f"{parts} less than {self.psi / self.full:.3f} of the {whose} psi: "
+        above = (
             f"{'this one is' if one else 'these are'} at most {100.0 * self.gap(psi):.2g} % above"
         )
+        if psi < self.psi:
+            above = "what has less is gray, or its mesh is too coarse"
+        return f"{parts} less than {self.psi / self.full:.3f} of the {whose} psi: {above}"
 
 
 def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None) -> LowerBound:

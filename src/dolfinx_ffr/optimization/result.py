@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from ..documentation import Shown
 from ..dynamics import SimulationError
 from ..fem import Domain, Tetrahedra
 from ..files import file_names
+from ..lower_bound import LowerBound, bound
 from ..part import Part, Solid, Verification, verify
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
@@ -414,6 +416,26 @@ class Result(Shown):
     def _designs_of_parts(self) -> dict[str, Variables]:
         kinds = (Design, DimensionDesign)
         return {name: design for name, design in self.designs.items() if isinstance(design, kinds)}
+
+    @cached_property
+    def lower_bound(self) -> LowerBound:
+        """What psi of every part must be at least, see `bound`; the first time takes some seconds.
+
+        It holds for the bounds of the volume that the run had. Collective; a ValueError on every
+        rank says why there is none.
+        """
+        for name, design in self.designs.items():
+            if not isinstance(design, Design):
+                raise ValueError(
+                    f"bound: the outline of {name!r} is designed itself, by dimensions; there is a "
+                    "bound for all parts within one outline"
+                )
+        return bound(self.problem, volume=self.bounds)
+
+    @property
+    def gap(self) -> float:
+        """By what share psi is above the `lower_bound` at most; it raises what that raises."""
+        return self.lower_bound.gap(self.psi)
 
     @property
     def told(self) -> tuple[Problem, Evaluation]:

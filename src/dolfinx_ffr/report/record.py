@@ -16,6 +16,7 @@ errors are shares (0.01 is one percent), and None stands for what is not known.
 | ``stress`` | by body: ``value``, the largest von Mises stress [Pa], ``time`` [s], ``position`` [m], of several load cases the ``load_case`` |
 | ``scene`` | ``text`` of `model_report` and its ``modes_error``, ``step_error``, ``coordinates``, ``rows``, ``left_out``; ``bodies`` by name (kind, modes, frequencies [Hz], elements, order, material); ``joints`` (name, kind, between, of several motions the motion); of one motion ``loads`` in words; ``integrator`` and its ``duration`` [s], ``steps``, ``order`` |
 | ``parts`` | by body: ``area`` [m^2], ``thickness`` [m], ``mass`` [kg], ``center`` and ``bounds`` [m], ``thinnest_member`` and ``narrowest_gap`` (``value`` and both ``ends`` [m]), ``pieces``, ``holes``, ``loose`` (number of pieces left out), ``deviation`` of the curves [m] |
+| ``bound`` | ``text`` on the lower bound of psi, or why there is none; where there is one its ``psi``, psi of the ``full`` bodies and of the best ``sheet`` without vibrations, and the ``gap`` by which psi of the design is above it at most |
 | ``verification`` | ``reported`` and ``part``: psi; ``difference``, ``change`` by the last mesh, ``tolerance``, ``converged``; ``meshes`` (``size`` [m], ``psi``); ``constraints`` by name, pairs; ``load_cases``, of several the pairs of psi by name; ``bodies`` by name: ``cells`` and what they are, ``elements``, ``modes``, of solids ``thinnest_member`` and ``narrowest_gap`` [m], and pairs reported, part of ``mass`` [kg], ``volume``, ``stress`` [Pa], ``frequencies`` [Hz] |
 | ``warnings`` | ``category`` and ``message`` of each, in their order |
 | ``versions`` | of the package and of what it is built on, by name; operating system and machine |
@@ -57,7 +58,7 @@ from ..problem import Evaluation, Problem
 #: Keys that the report knows
 KEYS = (
     "title psi reason residual iterations feasible violations volume gray modes mode_error "
-    "objective load_cases references constraints frequencies stress scene parts verification "
+    "objective bound load_cases references constraints frequencies stress scene parts verification "
     "warnings versions command date ranks seconds"
 ).split()
 #: Quantities of a body that are recorded of the densities and of the part
@@ -155,6 +156,7 @@ def run_record(
         "scene": _scene(problem, evaluation, said),
         "parts": on_rank_0(problem.comm, lambda: {n: _part(part) for n, part in given.items()}),
         "verification": None if verification is None else _verification(verification),
+        "bound": _bound(result, evaluation.psi if verification is None else verification.psi),
         "warnings": said,
         "versions": _versions(),
         "command": _command(problem.comm),
@@ -164,6 +166,14 @@ def run_record(
     }
     same_on_all: dict[str, Any] = problem.comm.bcast(plain(found), root=0)
     return same_on_all
+
+
+def _bound(result: Result, psi: float) -> dict[str, Any]:
+    """The lower bound beside ``psi``, or why there is none."""
+    try:
+        return result.lower_bound.record(psi)
+    except (ValueError, SimulationError) as error:
+        return {"text": str(error)}
 
 
 def _unit(objective: Objective, mechanism: Mechanism) -> str:

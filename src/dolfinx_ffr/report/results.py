@@ -42,6 +42,10 @@ def status(run: Run) -> list[str]:
         iterations = record.get("iterations")
         after = f" after {iterations} iterations" if isinstance(iterations, int) else ""
         said.append(f"The run ended{after}: {_REASONS.get(reason, reason)}.")
+    bound = run.mapping("bound")
+    if real(bound.get("gap")):
+        text = str(bound.get("text"))
+        said.append(f"{text[:1].upper()}{text[1:]}.")
     if run.verification.get("converged") is False:
         said.append("ψ of the part still changes with its mesh.")
     given = record.get("warnings")

@@ -78,6 +78,7 @@ def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = F
     ended = "" if result.reason == "iterations" else f" ({result.reason})"
     count = f"{result.iterations} iterations{ended}"
     _say(f"psi = {result.psi:.6g} {_unit(result)} after {count}{share}")
+    _say(record["bound"]["text"])
     if found is None:
         raise SceneError(f"{file}: the design encloses no part; {report} tells what was found")
     _say(f"{found}\nthe part and the report are in {folder} ({report.name})")
