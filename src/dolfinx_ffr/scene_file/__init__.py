@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Scene files: a machine, its bodies and their design in TOML, without a program.
 
-Keys are those of the classes of the public API, read from their signatures, type hints and
-documentation: :mod:`.reading` makes calls of tables, :mod:`.scene` puts them together, and
-:mod:`.commands` runs them.
+:mod:`.kinds` lists the classes of the public API that a table can describe. Its keys are their
+arguments: :mod:`.reading` makes calls of tables, by the type hints of arguments and a table of
+units, :mod:`.scene` puts them together, and :mod:`.commands` runs them.
 """
 
 from __future__ import annotations

@@ -5,13 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 from ..program import refused
-
-#: The package, whose names programs use
-PACKAGE = import_module(__package__.partition(".")[0])
 
 
 class SceneError(ValueError):
@@ -55,19 +51,3 @@ class Maker:
                     raise
                 raise SceneError(f"{node.where}: {error}") from error
         return self._made[id(node)]
-
-
-def public_name(target: Callable[..., Any]) -> str:
-    """How a program that has imported the package as ffr calls a class or function."""
-    name = target.__qualname__
-    owner = name.partition(".")[0]
-    if owner in PACKAGE.__all__:
-        return f"ffr.{name}"
-    return f"ffr.{target.__module__.split('.')[1]}.{name}"
-
-
-def is_public(kind: type) -> bool:
-    """Whether a class has a public name."""
-    folder = kind.__module__.split(".")[1:2]
-    offered = [*PACKAGE.__all__, *PACKAGE._BY_FOLDER.get(folder[0], ())] if folder else []
-    return kind.__name__ in offered

@@ -30,7 +30,8 @@ from .. import validation
 from ..fem import ElasticMaterial
 from ..mechanism import Ground, Motion, Moving
 from ..objective import Constraint
-from .calls import PACKAGE, Call, SceneError, is_public, public_name, total
+from .calls import Call, SceneError, total
+from .kinds import MOTIONS, kinds_of
 
 Table = dict[str, Any]
 #: Objects with names that other tables use, by the table in which they stand
@@ -105,8 +106,8 @@ _OTHER_UNITS = {
     ("Placement", "velocity"): ("m/s",),
     ("PrescribedAngle", "motion"): ("rad",),
     ("RadauIIA", "steps"): ("s",),
-    ("fem.Box", "lower"): ("m",),
-    ("fem.Box", "upper"): ("m",),
+    ("Box", "lower"): ("m",),
+    ("Box", "upper"): ("m",),
 }
 _LISTS = (collections.abc.Sequence, collections.abc.Iterable, list)
 _BODY_POINT = tuple[str, str]
@@ -159,11 +160,11 @@ class Reader:
         parameters = arguments_of(target)
         if "name" in keys and {"young", "poisson", "density"} <= parameters.keys():
             keys = self._solid(keys, where)
-        label = public_name(target).removeprefix("ffr.")
+        label = target.__qualname__
         own = {n: p for n, p in parameters.items() if n not in given and p.hint is not MPI.Comm}
         self.check_keys(where, keys, own, label)
         units = stated_units(target)
-        if of and Motion in (getattr(target, "__self__", None), _returned(target)):
+        if of and target in MOTIONS:
             units = {n: _of_unit(stated, of) for n, stated in units.items()}
         if target is Constraint and "objective" in keys:
             keys = dict(keys)
@@ -403,72 +404,6 @@ def numeric(options: list[Any]) -> bool:
     return float in options or _ARRAY in options
 
 
-def _below(kind: type) -> list[type]:
-    """A class and all that derive from it."""
-    below: list[type] = kind.__subclasses__()
-    return [kind, *(each for child in below for each in _below(child))]
-
-
-def kinds_of(options: Iterable[Any]) -> dict[str, Callable[..., Any]]:
-    """The classes, and their other constructors, by which a table can make one of some kinds."""
-    found: dict[str, Callable[..., Any]] = {}
-    for option in options:
-        if not isinstance(option, type) or not option.__module__.startswith(PACKAGE.__name__):
-            continue
-        protocol = getattr(option, "_is_protocol", False)
-        for kind in _implementing(option) if protocol else _below(option):
-            if is_public(kind) and not inspect.isabstract(kind):
-                makers: dict[str, Callable[..., Any]] = {kind.__name__: kind} | _constructors(kind)
-                found |= {name: maker for name, maker in makers.items() if _can_be_written(maker)}
-    return found
-
-
-def _constructors(kind: type) -> dict[str, Callable[..., Any]]:
-    """Other functions of a class that make one."""
-    own = [n for n, f in vars(kind).items() if isinstance(f, classmethod | staticmethod)]
-    public = {name: getattr(kind, name) for name in own if not name.startswith("_")}
-    return {name: f for name, f in public.items() if _returned(f) in (kind, typing.Self)}
-
-
-def _returned(function: Callable[..., Any]) -> Any:
-    try:
-        return typing.get_type_hints(function).get("return")
-    except NameError:
-        return None
-
-
-def _can_be_written(target: Callable[..., Any]) -> bool:
-    """Whether each argument that is needed has a value that a file can hold."""
-    return all(
-        p.hint is MPI.Comm or any(_writable(option) for option in alternatives(p.hint))
-        for p in arguments_of(target).values()
-        if p.required
-    )
-
-
-def _writable(option: Any) -> bool:
-    """Whether a file can hold a value: no object of another package."""
-    own = getattr(option, "__module__", "").startswith((PACKAGE.__name__, "pathlib", "os"))
-    return own or option in (float, int, str, bool, _ARRAY) or bool(typing.get_origin(option))
-
-
-def _implementing(protocol: type) -> list[type]:
-    """The classes that derive from a protocol, or else have its methods and their signatures."""
-    if derived := _below(protocol)[1:]:
-        return derived
-    every_function = {n: f for n, f in vars(protocol).items() if inspect.isfunction(f)}
-    methods = {n: f for n, f in every_function.items() if n == "__call__" or n[0] != "_"}
-
-    def fits(kind: type) -> bool:
-        own = {n: getattr(kind, n) for n in methods if any(n in vars(c) for c in kind.__mro__)}
-        return own.keys() == methods.keys() and all(
-            str(inspect.signature(own[n])) == str(inspect.signature(f)) for n, f in methods.items()
-        )
-
-    every: list[Any] = [getattr(PACKAGE, name) for name in PACKAGE.__all__]
-    return [kind for kind in every if inspect.isclass(kind) and is_dataclass(kind) and fits(kind)]
-
-
 def near(word: str, known: Iterable[str]) -> str:
     """The known words that are near to another, or all of them."""
     words = list(known)
@@ -483,7 +418,7 @@ def near(word: str, known: Iterable[str]) -> str:
 
 def stated_units(target: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
     """The units of the arguments of a class or function, by their names; "-" stands for none."""
-    label = public_name(target).removeprefix("ffr.")
+    label = target.__qualname__
     return {
         name: _OTHER_UNITS.get((label, name), _UNITS.get(name, ("-",)))
         for name in arguments_of(target)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A scene file: its tables, and the problem and run that they describe.
 
-What a table may hold is read from the classes and functions of the public API; here stands only
-which tables there are, and how they are put together.
+Here stands which tables there are, and how they are put together.
 """
 
 from __future__ import annotations
@@ -23,7 +22,8 @@ from ..optimization import Result, check_run, optimize
 from ..problem import Problem
 from ..reduction import FlexibleBody
 from .calls import Call, Maker, SceneError
-from .reading import Reader, Table, alternatives, arguments_of, kinds_of, near
+from .kinds import kinds_of
+from .reading import Reader, Table, alternatives, arguments_of, near
 
 #: Tables beside those of `Mechanism` and `MechanicalProblem`
 _OWN = ("title", "output", "bodies", "designs", "optimize", "load_cases", "combine", "materials")
