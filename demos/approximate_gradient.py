@@ -60,15 +60,15 @@ def main(arguments: list[str] | None = None) -> None:
     say(f"exact derivatives at {share:.0%} of the elements of the final design")
 
     # %% Pictures and numbers
-    told, i = result.history, result.history["iteration"]
-    errors = {"estimate": (i, told["gradient_estimate"]), "true": (i, told["gradient_error"])}
-    panels = {"elements with exact derivatives": {"": (i, told["gradient_elements"])}}
+    history, i = result.history, result.history["iteration"]
+    errors = {"estimate": (i, history["gradient_estimate"]), "true": (i, history["gradient_error"])}
+    panels = {"elements with exact derivatives": {"": (i, history["gradient_elements"])}}
     panels["relative error of the gradient"] = errors
     axis = {"xlabel": "iteration", "markers": True, "comm": comm}
     ffr.plotting.plot_curves(panels, output / "histories.png", **axis)
     draw(result, output, full=full, volume=VOLUME)
-    told = f"{result.psi / full:.1%} of the full rod's compliance"
-    shown = {told: (result.x, selected)}
+    title = f"{result.psi / full:.1%} of the full rod's compliance"
+    shown = {title: (result.x, selected)}
     ffr.plotting.plot_gradient_elements(domain, shown, output / "elements.png")
     title = "A rod designed by an approximate gradient"  # near to that of the exact one
     leave(options, result, title, full, found, warnings, most=0.6 * full)

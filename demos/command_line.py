@@ -93,17 +93,17 @@ def draw(
         alone = len(result.densities) == 1
         domain, file = result.problem.flexible[name].domain, name.replace(" ", "_")
         share, file = result.evaluation.psi / (full or 1.0), "design" if alone else file
-        told = f"{share:.1%} of the full {name}'s psi with " if alone and full else f"{name}: "
-        told = f"{told}{result.evaluation.volume[name]:.0%} of its material"
+        title = f"{share:.1%} of the full {name}'s psi with " if alone and full else f"{name}: "
+        title = f"{title}{result.evaluation.volume[name]:.0%} of its material"
         ffr.write_density(domain, x, output / f"{file}.xdmf")
-        ffr.plotting.plot_design(domain, {told: x}, output / f"{file}.png")
+        ffr.plotting.plot_design(domain, {title: x}, output / f"{file}.png")
     bounds: dict[str, Any] = {"psi_solid": full} if full else {"psi_unit": "m^2 s"}
     ffr.plotting.plot_history(result.history, output / "history.png", volume_bound=volume, **bounds)
-    ffr.plotting.plot_scene(*result.told, output / "scene.png", **view)
+    ffr.plotting.plot_scene(*result.final, output / "scene.png", **view)
     solid = any(body.domain.dimension == 3 for body in result.problem.flexible.values())
     # a picture in space takes a third of a second
     film: dict[str, Any] = {"frames": 48, "frames_per_second": 8.0} if solid else {}
-    ffr.plotting.animate_motion(*result.told, output / "motion.gif", **film)
+    ffr.plotting.animate_motion(*result.final, output / "motion.gif", **film)
 
 
 def leave_machine(
@@ -136,7 +136,7 @@ def leave(
     designs. Of a run as long and fine as by default psi of the parts must be ``most`` or less.
     """
     output, bodies, share = options.output, result.problem.flexible, result.psi / full
-    told = found.psi / full if found else share
+    ratio = found.psi / full if found else share
     flat = found and all(body.domain.dimension == 2 for body in bodies.values())
     of = {"references": references or {"full": full}, "verification": found, "warnings": warnings}
     parts = {name: result.part(name) for name in bodies} if flat else None
@@ -151,7 +151,7 @@ def leave(
     }
     ffr.write_summary(MPI.COMM_WORLD, output / "summary.json", summary)
     ffr.write_report(MPI.COMM_WORLD, output)
-    say(f"{result.reason} after {result.iterations} iterations: psi is {told:.3f} of the full one")
+    say(f"{result.reason} after {result.iterations} iterations: psi is {ratio:.3f} of the full one")
     say(found or "no parts come of this design")
     say(f"pictures and numbers are in {output}")
     if options.complete and result.reason != "interrupted" and most < np.inf:

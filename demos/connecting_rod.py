@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     # %% Numbers and pictures of the part
     draw(result, output, full=solid.psi, volume=VOLUME)
-    last, evaluation = result.told
+    last, evaluation = result.final
     rod, full_rod = last.flexible["rod"], result.problem.flexible["rod"]
     worst, full = ffr.worst_stress(rod, evaluation, "rod"), ffr.worst_stress(full_rod, solid, "rod")
     ffr.write_fields(rod.domain, {"von_mises": worst.stress}, output / "stress.xdmf")

@@ -86,7 +86,7 @@ def main(arguments: list[str] | None = None) -> None:
     # %% Pictures and numbers
     *even, error = (1e3 * np.sqrt(e.psi / DURATION) for e in (*sheets.values(), result))  # [mm]
     curves = {"links of even thickness": ([share * heavy for share in SHEETS], even)}
-    curves["design"] = [result.told[1].constraints["mass"].value], [error]
+    curves["design"] = [result.final[1].constraints["mass"].value], [error]
     labels = {"xlabel": "mass of both links [kg]", "markers": True}
     ffr.plotting.plot_curves({"tip error [mm]": curves}, output / "trade_off.png", **labels)
     draw(result, output, time=0.35)

@@ -68,17 +68,17 @@ def main(arguments: list[str] | None = None) -> None:
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, ffr.LevelSet(domain), volume=VOLUME, **options.run)
         found = result.finish(output)
-    ratios = {m: e.psi * weights[m] for m, e in result.told[1].load_cases.items()}
-    told = ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
-    say("psi of the part over that of designs on elements for each load case alone:", told)
+    ratios = {m: e.psi * weights[m] for m, e in result.final[1].load_cases.items()}
+    listed = ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
+    say("psi of the part over that of designs on elements for each load case alone:", listed)
 
     # %% Numbers and pictures
     how = {"psi_unit": "", "volume_bound": VOLUME, "comm": comm}
     ffr.plotting.plot_history(result.history, output / "history.png", **how)
     for speed in ("slow", "fast"):
-        own = (each.alone(f"{speed}, heavy") for each in result.told)
+        own = (each.alone(f"{speed}, heavy") for each in result.final)
         ffr.plotting.plot_scene(*own, output / f"scene_{speed}.png")
-    own = (each.alone("fast, light") for each in result.told)
+    own = (each.alone("fast, light") for each in result.final)
     ffr.plotting.animate_motion(*own, output / "motion.gif")
     numbers = {"psi_over_best": ratios, "psi_full": {m: e.psi for m, e in full.items()}}
     worst, numbers["most"] = max(1.0 / share for share in alone.values()), MARK

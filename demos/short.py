@@ -32,4 +32,4 @@ levelset = ffr.LevelSet(rod)
 result = ffr.optimize(problem, levelset, volume=0.5, iterations=36, output="results/short")
 
 print(result.finish("results/short"))  # files for CAD, a picture, psi of the part
-plotting.animate_motion(*result.told, "results/short/motion.gif")
+plotting.animate_motion(*result.final, "results/short/motion.gif")

@@ -120,7 +120,7 @@ def main(arguments: list[str] | None = None) -> None:
         # the part: files for CAD, pictures, and psi on meshes that fit it
         found = result.verify() if options.bare else result.finish(output)
     # a design may need more modes than the full rod, and is compared with the same ones
-    last, evaluation = result.told
+    last, evaluation = result.final
     rod = last.flexible["rod"]
     solid = result.problem.with_modes({"rod": rod.modes}).value(simple["solid"]).psi
     if options.bare and found:

@@ -193,7 +193,7 @@ class Result(Shown):
 
     def _shown(self) -> list[tuple[str, str, str]]:
         told = self.summary()
-        cases = self.told[1].load_cases.values()
+        cases = self.final[1].load_cases.values()
         asked = [case.trajectory.integrator.chosen_for or 0.0 for case in cases if case.trajectory]
         errors = {"modes left out": told["mode_error"], "time steps": max(asked, default=0.0)}
         error = ", ".join(f"{share:.1e} by {why}" for why, share in errors.items() if share)
@@ -324,7 +324,7 @@ class Result(Shown):
         """
         validation.keywords("result.verify", options, verify)
         parts = {name: self.part(name) for name in self._designs_of_parts}
-        problem, evaluation = self.told
+        problem, evaluation = self.final
         found = verify(problem, parts, evaluation, **{"volume": self.bounds, **options})
         self.violations.update(found.violations)
         return found
@@ -438,14 +438,14 @@ class Result(Shown):
         return self.lower_bound.gap(self.psi)
 
     @property
-    def told(self) -> tuple[Problem, Evaluation]:
+    def final(self) -> tuple[Problem, Evaluation]:
         """The problem of the parts that were moved, else of the densities, and its evaluation."""
         return (self.moved or self).problem, (self.moved or self).evaluation
 
     @property
     def psi(self) -> float:
         """Objective of the parts whose boundaries were moved, else of the densities."""
-        return self.told[1].psi
+        return self.final[1].psi
 
     @property
     def iterations(self) -> int:

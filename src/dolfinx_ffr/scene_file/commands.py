@@ -209,7 +209,7 @@ def _draw(result: Result, folder: Path) -> None:
         write_density(domain, x, folder / f"{file}.xdmf")
         plotting.plot_design(domain, x, folder / f"{file}.png", title=name)
     plotting.plot_history(result.history, folder / "history.png", psi_unit=_unit(result))
-    shown = _first(*result.told)
+    shown = _first(*result.final)
     plotting.plot_scene(*shown, folder / "scene.png")
     plotting.animate_motion(*shown, folder / "motion.gif")
 
