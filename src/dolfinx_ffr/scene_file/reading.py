@@ -90,6 +90,8 @@ _UNITS: dict[str, tuple[str, ...]] = {
 #: Units of arguments that mean something else by a name of these
 _OTHER_UNITS = {
     ("Assembled", "elastic_velocity"): (),
+    ("BodyMarker", "rotation"): ("rad/m",),
+    ("BodyMarker", "stiffening"): ("1/m",),
     ("Bushing", "damping"): ("N s/m",),
     ("Bushing", "stiffness"): ("N/m",),
     ("ChordFrame", "start"): ("-",),
