@@ -81,7 +81,7 @@ _BY_FOLDER = _lists(
             "read_nastran read_terms sid_terms write_body"
         ),
         "lower_bound": "LowerBound",
-        "mechanical_problem": "ConstraintValue MechanicalEvaluation",
+        "mechanical_problem": "ConstraintValue Gradients MechanicalEvaluation",
         "mechanism": "AngleCoupling Parameter ParametricMechanism",
         "objective": (
             "DensityField DrivePower DriveWork ResidualVibration StressField marker_derivatives"

@@ -13,14 +13,15 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from time import perf_counter
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import validation
-from .arrays import Array
+from .arrays import Array, summed
 from .body import VolumeIntegrals
 from .dynamics import (
     REFERENCE,
@@ -65,9 +66,51 @@ Key = TypeVar("Key", bound=Hashable)
 FINEST = 1e-8
 
 
+@dataclass(frozen=True, kw_only=True)
+class Gradients:
+    """Derivatives of one number with respect to all that is designed.
+
+    Attributes:
+        gradient: By body for the density of each cell owned by this rank, shape (cells,), and by
+            `Evaluation.label` for all parameters, shape (parameters,); None where it was not asked
+            for.
+        nodes: By body for each node of the mesh on this rank in the order of ``mesh.geometry.x``,
+            ghosts included, shape (nodes, dimension); None where it was not asked for.
+        centers: By body for the center of each interface, at fixed nodes, in the order of
+            ``domain.interfaces``, shape (interfaces, dimension), the same on every rank; None where
+            it was not asked for.
+        parameters: By name for each parameter of the mechanism, the same on every rank.
+    """
+
+    gradient: dict[str, Array] | None = field(default=None, repr=False)
+    nodes: dict[str, Array] | None = field(default=None, repr=False)
+    centers: dict[str, Array] | None = field(default=None, repr=False)
+    parameters: dict[str, float] = field(default_factory=dict, repr=False)
+
+    @staticmethod
+    def weighted_sum(terms: Mapping[str, Gradients], weights: Mapping[str, float]) -> Gradients:
+        """The sum of ``terms`` times their ``weights``, both by name."""
+
+        def total(name: str) -> dict[str, Any]:
+            scaled = [
+                {key: weights[term] * value for key, value in (getattr(g, name) or {}).items()}
+                for term, g in terms.items()
+            ]
+            return reduce(summed, scaled, {})
+
+        return Gradients(
+            gradient=total("gradient") or None,
+            nodes=total("nodes") or None,
+            centers=total("centers") or None,
+            parameters=total("parameters"),
+        )
+
+
 @dataclass(frozen=True)
-class ConstraintValue:
-    """A constraint at one design: it holds where ``violation`` is not positive.
+class ConstraintValue(Gradients):
+    """A constraint at one design, with the gradients of its violation.
+
+    It is satisfied where ``violation`` is not positive.
 
     Attributes:
         value: The objective that is bounded, in its own unit.
@@ -76,21 +119,11 @@ class ConstraintValue:
         derivatives: Derivatives of g as a function of the bodies, the trajectory eliminated; None
             where only values were asked for. The large one by the stress is left out where
             ``gradient`` is known.
-        gradient: Derivative of g with respect to the densities of this rank's cells, shape
-            (cells,), by name of the body; None where only values were asked for, or where no body
-            has a density.
-        nodes: Likewise with respect to the nodes of each body's mesh, as `Evaluation.nodes`.
-        centers: Likewise with respect to the centers of interfaces, as `Evaluation.centers`.
-        parameters: Derivative of g with respect to the parameters of the mechanism, by name.
     """
 
     value: float
     violation: float
     derivatives: Derivatives | None = field(default=None, repr=False)
-    gradient: dict[str, Array] | None = field(default=None, repr=False)
-    nodes: dict[str, Array] | None = field(default=None, repr=False)
-    centers: dict[str, Array] | None = field(default=None, repr=False)
-    parameters: dict[str, float] = field(default_factory=dict, repr=False)
 
     @property
     def integrals_gradient(self) -> dict[str, VolumeIntegrals] | None:

@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..body import VolumeIntegrals
 from ..documentation import Shown
 from ..dynamics import Trajectory
-from ..mechanical_problem import ConstraintValue
+from ..mechanical_problem import ConstraintValue, Gradients
 from ..mechanism import Parameters
 from ..reduction import ReducedBody
 
@@ -20,39 +20,32 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class LoadCaseEvaluation:
+class LoadCaseEvaluation(Gradients):
     """The evaluation of one load case of a problem.
+
+    Its gradients are given where they were asked for, and else where the gradient of all load
+    cases together does not suffice.
 
     Attributes:
         psi: Value of its objective, the same on every rank.
         trajectory: Replicated on every rank; None if neither objective nor constraints depend on
             it.
         constraints: By their own names.
-        gradient: dpsi/dx by body, for each cell owned by this rank, shape (cells,); None where it
-            was not asked for, or where the gradient of all load cases together suffices.
-        nodes: Likewise with respect to the nodes of each body's mesh, as `Evaluation.nodes`.
-        centers: Likewise with respect to the centers of interfaces, as `Evaluation.centers`.
         integrals_gradient: Derivative of psi with respect to the integrals of every body, the same
             on every rank; None where only the value was asked for, or where the load case has no
             weight.
-        parameters: Likewise with respect to the parameters of the mechanism, as
-            `Evaluation.parameters`.
-        known: What its objectives keep of their values, see `Response.known`.
+        known: Values that its objectives store for their derivatives, see `Response.known`.
     """
 
     psi: float
     trajectory: Trajectory | None = field(default=None, repr=False)
     constraints: dict[str, ConstraintValue] = field(default_factory=dict)
-    gradient: dict[str, Array] | None = field(default=None, repr=False)
-    nodes: dict[str, Array] | None = field(default=None, repr=False)
-    centers: dict[str, Array] | None = field(default=None, repr=False)
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
-    parameters: dict[str, float] = field(default_factory=dict, repr=False)
     known: dict[Any, Any] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True, repr=False)
-class Evaluation(Shown):
+class Evaluation(Gradients, Shown):
     """A value of the objective, its gradient, and what else was computed at one design.
 
     Attributes:
@@ -85,7 +78,6 @@ class Evaluation(Shown):
     """
 
     psi: float
-    gradient: dict[str, Array] | None
     bodies: dict[str, ReducedBody] = field(repr=False)
     volume: dict[str, float]
     fixed_interface_frequencies: dict[str, Array]
@@ -94,9 +86,6 @@ class Evaluation(Shown):
     seconds: dict[str, float]
     constraints: dict[str, ConstraintValue] = field(default_factory=dict)
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
-    nodes: dict[str, Array] | None = field(default=None, repr=False)
-    centers: dict[str, Array] | None = field(default=None, repr=False)
-    parameters: dict[str, float] = field(default_factory=dict)
     at: Parameters | None = None
     label: str = ""
     load_cases: dict[str, LoadCaseEvaluation] = field(default_factory=dict, repr=False)
@@ -105,12 +94,12 @@ class Evaluation(Shown):
         rows = [("psi", f"{self.psi:.6g}", "")]
         cases = self.load_cases if len(self.load_cases) > 1 else {}
         rows += [(f"psi of {name}", f"{case.psi:.6g}", "") for name, case in cases.items()]
-        for name, found in self.constraints.items():
-            rows.append((name, f"{found.value:.6g}", f"{found.violation:+.2%} from its bound"))
+        for name, bound in self.constraints.items():
+            rows.append((name, f"{bound.value:.6g}", f"{bound.violation:+.2%} from its bound"))
         rows += [(f"volume of {name}", f"{share:.1%}", "") for name, share in self.volume.items()]
         for name, modes in self.fixed_interface_frequencies.items():
-            told = f", {modes[0]:.5g} to {modes[-1]:.5g} Hz" if len(modes) else ""
-            rows.append((f"modes of {name}", f"{len(modes)}{told}", ""))
+            range_ = f", {modes[0]:.5g} to {modes[-1]:.5g} Hz" if len(modes) else ""
+            rows.append((f"modes of {name}", f"{len(modes)}{range_}", ""))
         values = self.at.values if self.at else {}
         rows += [(f"parameter {name}", f"{value:.6g}", "") for name, value in values.items()]
         rows.append(("gradient", ", ".join(self.gradient or {}) or "not asked for", ""))
@@ -136,9 +125,9 @@ class Evaluation(Shown):
             ValueError: If nothing was simulated, or there are several load cases.
         """
         self.check_simulated()
-        found = only_case(self.load_cases, "evaluation.alone({!r}).trajectory").trajectory
-        assert found is not None
-        return found
+        trajectory = only_case(self.load_cases, "evaluation.alone({!r}).trajectory").trajectory
+        assert trajectory is not None
+        return trajectory
 
     def check_simulated(self) -> None:
         """Refuse an evaluation for which nothing was simulated."""
@@ -155,10 +144,10 @@ class Evaluation(Shown):
         is raised where there is no such name.
         """
         validation.choice("evaluation: load case", load_case, self.load_cases)
-        found = self.load_cases[load_case]
-        both = {each.name for each in fields(found)} & {each.name for each in fields(self)}
-        own = {name: getattr(found, name) for name in both}
-        return replace(self, **own, load_cases={load_case: found})
+        case = self.load_cases[load_case]
+        names = {f.name for f in fields(case)} & {f.name for f in fields(self)}
+        values = {name: getattr(case, name) for name in names}
+        return replace(self, **values, load_cases={load_case: case})
 
 
 def only_case(cases: Mapping[str, T], instead: str) -> T:

@@ -25,7 +25,7 @@ from .. import validation
 from ..arrays import summed
 from ..body import VolumeIntegrals
 from ..dynamics import Integrator, SimulationError, Trajectory, check_names, compile_kernels
-from ..mechanical_problem import MechanicalProblem
+from ..mechanical_problem import Gradients, MechanicalProblem
 from ..mechanism import Mechanism, TopologyError
 from ..objective import (
     Combination,
@@ -453,71 +453,85 @@ class Problem(LoadCases):
             self._designed.refuse_lengths_of_placements(mechanisms)
         responses = self._responses(evaluation)
         checked_memory(self._designed, self.load_cases, self._memory, adjoint=True)
-        psis = {name: case.psi for name, case in evaluation.load_cases.items()}
-        weights = self._slopes(psis)
-        slopes = {"the slopes by the load cases": np.array(list(weights.values()))}
-        check_alike(self.comm, "problem", slopes, DIFFERS)
-        counting = {name: weight for name, weight in weights.items() if weight}
-        apart = set(psis if by_load_case else self.combine.near(psis)) if len(psis) > 1 else set()
+        psi = {name: case.psi for name, case in evaluation.load_cases.items()}
+        slopes = self._slopes(psi)
+        compared = {"the slopes by the load cases": np.array(list(slopes.values()))}
+        check_alike(self.comm, "problem", compared, DIFFERS)
+        weights = {name: slope for name, slope in slopes.items() if slope}
+        separate = set(psi if by_load_case else self.combine.near(psi)) if len(psi) > 1 else set()
         begin = perf_counter()
-        jobs = [(n, label) for n, case in self.load_cases.items() for label in case.objectives]
-        jobs = [(n, label) for n, label in jobs if label or n in counting or n in apart]
-        direct = self._direct(responses, jobs)
-        through = adjoints(self.comm, responses, direct)
-        found = {job: part.without_trajectory(through[job]) for job, part in direct.items()}
-        label = evaluation.label
+        jobs = [
+            (name, label)
+            for name, case in self.load_cases.items()
+            for label in case.objectives
+            if label or name in weights or name in separate
+        ]
+        derivatives = self._total_derivatives(responses, jobs)
         seconds = {"adjoint": perf_counter() - begin}
         pulled: list[Pulled] = []
 
-        def back(bars: Derivatives) -> dict[str, Any]:
-            by: dict[str, Any] = dict.fromkeys(("gradient", "nodes", "centers"))
-            if nodes or densities:
-                how = {"nodes": nodes, "cells": densities}
-                pulled.append(self._designed.pullback(evaluation.bodies, bars, **how))
-                by = {key: getattr(pulled[-1], key) for key in by}
-            if not densities:
-                by["gradient"] = None
-            elif label:
-                by["gradient"][label] = np.array(list(bars.parameters.values()))
-            return by | {"parameters": dict(bars.parameters)}
+        def gradients_of(bars: Derivatives) -> Gradients:
+            """Carry the derivatives by integrals, densities and stress back to the design."""
+            parameters = dict(bars.parameters)
+            if not (nodes or densities):
+                return Gradients(parameters=parameters)
+            result = self._designed.pullback(evaluation.bodies, bars, nodes=nodes, cells=densities)
+            pulled.append(result)
+            if evaluation.label:
+                result.gradient[evaluation.label] = np.array(list(parameters.values()))
+            return Gradients(
+                gradient=result.gradient if densities else None,
+                nodes=result.nodes,
+                centers=result.centers,
+                parameters=parameters,
+            )
 
         cases = {}
         for name, case in self.load_cases.items():
-            before, constraints = evaluation.load_cases[name], {}
-            for bound in case.constraints:
-                bars = found[name, bound.label].scaled(bound.slope)
-                constraints[bound.label] = replace(
-                    before.constraints[bound.label],
+            values = evaluation.load_cases[name]
+            constraints = {}
+            for constraint in case.constraints:
+                bars = derivatives[name, constraint.label].scaled(constraint.slope)
+                constraints[constraint.label] = replace(
+                    values.constraints[constraint.label],
                     derivatives=replace(bars, stresses={}),  # large, and no longer needed
-                    **back(bars),
+                    **vars(gradients_of(bars)),
                 )
-            psi = found.get((name, ""))
+            by_integrals = derivatives.get((name, ""))
+            gradients = Gradients(parameters=values.parameters)
+            if by_integrals and name in separate:
+                gradients = gradients_of(by_integrals)
             cases[name] = replace(
-                before,
+                values,
                 constraints=constraints,
-                **(back(psi) if psi and name in apart else {"gradient": None}),
-                integrals_gradient=dict(psi.integrals) if psi else None,
+                integrals_gradient=dict(by_integrals.integrals) if by_integrals else None,
+                **vars(gradients),
             )
-        total = weighted({name: found[name, ""] for name in counting}, counting)
-        if counting.keys() <= apart:
-            gradients: dict[str, Any] = {}
-            for key in ("gradient", "nodes", "centers"):  # areas stand for all that add up alike
-                own = {n: Derivatives(areas=getattr(cases[n], key) or {}) for n in counting}
-                gradients[key] = dict(weighted(own, counting).areas) or None
-            gradients["parameters"] = dict(total.parameters)
+
+        total = weighted({name: derivatives[name, ""] for name in weights}, weights)
+        if weights.keys() <= separate:
+            gradients = Gradients.weighted_sum({name: cases[name] for name in weights}, weights)
         else:
-            gradients = back(total)
+            gradients = gradients_of(total)
         if len(cases) == 1:
-            cases = {name: replace(case, **gradients) for name, case in cases.items()}
+            cases = {name: replace(case, **vars(gradients)) for name, case in cases.items()}
         return replace(
             evaluation,
-            **gradients,
+            **vars(gradients),
             integrals_gradient=dict(total.integrals),
             constraints=self._labelled(cases),
             load_cases=cases,
             solver_iterations={n: sum(p.iterations[n] for p in pulled) for n in self.flexible},
             seconds=reduce(summed, [evaluation.seconds, seconds, *(p.seconds for p in pulled)]),
         )
+
+    def _total_derivatives(
+        self, responses: Mapping[str, Response], jobs: Collection[Job]
+    ) -> dict[Job, Derivatives]:
+        """Derivatives of objectives, the trajectory eliminated, by load case and label."""
+        partial = self._direct(responses, jobs)
+        through = adjoints(self.comm, responses, partial)
+        return {job: part.without_trajectory(through[job]) for job, part in partial.items()}
 
     def _direct(
         self, responses: Mapping[str, Response], jobs: Collection[Job]
