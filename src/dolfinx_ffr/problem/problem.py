@@ -466,7 +466,9 @@ class Problem(LoadCases):
             for label in case.objectives
             if label or name in weights or name in separate
         ]
-        derivatives = self._total_derivatives(responses, jobs)
+        partial = self._direct(responses, jobs)
+        through = adjoints(self.comm, responses, partial)
+        derivatives = {job: d.without_trajectory(through[job]) for job, d in partial.items()}
         seconds = {"adjoint": perf_counter() - begin}
         pulled: list[Pulled] = []
 
@@ -524,14 +526,6 @@ class Problem(LoadCases):
             solver_iterations={n: sum(p.iterations[n] for p in pulled) for n in self.flexible},
             seconds=reduce(summed, [evaluation.seconds, seconds, *(p.seconds for p in pulled)]),
         )
-
-    def _total_derivatives(
-        self, responses: Mapping[str, Response], jobs: Collection[Job]
-    ) -> dict[Job, Derivatives]:
-        """Derivatives of objectives, the trajectory eliminated, by load case and label."""
-        partial = self._direct(responses, jobs)
-        through = adjoints(self.comm, responses, partial)
-        return {job: part.without_trajectory(through[job]) for job, part in partial.items()}
 
     def _direct(
         self, responses: Mapping[str, Response], jobs: Collection[Job]
