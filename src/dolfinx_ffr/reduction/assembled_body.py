@@ -67,19 +67,23 @@ class AssembledElasticity(Elasticity):
         # entries of the pattern by row and column, as they stand in memory
         keys = np.repeat(np.arange(self.n_dofs), np.diff(entries.indptr)) * self.n_dofs
         keys = keys + entries.indices
-        at = np.searchsorted(keys, full.row.astype(np.int64) * self.n_dofs + full.col)
-        entries.data[at] = full.data
+        places = np.searchsorted(keys, full.row.astype(np.int64) * self.n_dofs + full.col)
+        entries.data[places] = full.data
         index = entries.indptr.astype(PETSc.IntType), entries.indices.astype(PETSc.IntType)
-        made = PETSc.Mat().createAIJ(entries.shape, csr=(*index, entries.data), comm=self.comm)
-        own = PETSc.LGMap().create(np.arange(self.n_dofs, dtype=PETSc.IntType), comm=self.comm)
-        made.setLGMap(own, own)
-        made.assemble()
-        return made
+        shared = PETSc.Mat().createAIJ(entries.shape, csr=(*index, entries.data), comm=self.comm)
+        numbering = PETSc.LGMap().create(
+            np.arange(self.n_dofs, dtype=PETSc.IntType), comm=self.comm
+        )
+        shared.setLGMap(numbering, numbering)
+        shared.assemble()
+        return shared
 
     def matrices(self) -> Matrices:
         """Stiffness and mass."""
-        found = (self._petsc(each) for each in (self._given.stiffness, self._given.mass))
-        return Matrices(np.ones(1), *found)
+        stiffness_and_mass = (
+            self._petsc(matrix) for matrix in (self._given.stiffness, self._given.mass)
+        )
+        return Matrices(np.ones(1), *stiffness_and_mass)
 
     @property
     def mass_over_diagonal(self) -> int:
@@ -123,17 +127,17 @@ def reduce_matrices(
     needed = "AssembledMatrices, as from read_calculix(...)"
     validation.instance("reduction: matrices", matrices, AssembledMatrices, needed)
     if mass is not None:
-        known = validation.number("reduction: mass", mass, above=0.0, unit="kg")
-        found = matrices.total_mass
-        if abs(found - known) > 0.01 * known:
+        expected = validation.number("reduction: mass", mass, above=0.0, unit="kg")
+        total = matrices.total_mass
+        if abs(total - expected) > 0.01 * expected:
             raise ValueError(
-                f"reduction: the mass of the matrices is {found:.6g} and not {known:.6g} kg: are "
-                "they in kg, m and s? A model in t, mm and s has matrices in t and N/mm"
+                f"reduction: the mass of the matrices is {total:.6g} and not {expected:.6g} kg: "
+                "are they in kg, m and s? A model in t, mm and s has matrices in t and N/mm"
             )
     with on_every_rank(world, "reduction"):
         names = validation.names("reduction: interfaces", interfaces)
-        parts = _interfaces(matrices, names, centers)
-        elasticity = AssembledElasticity(matrices, parts)
+        held = _interfaces(matrices, names, centers)
+        elasticity = AssembledElasticity(matrices, held)
         reduction = CraigBampton(elasticity, frame, modes, tolerance=tolerance, solver=DIRECT)
         factored = reduction.factor(elasticity.matrices())
         try:
@@ -151,10 +155,10 @@ def _interfaces(
     """The interfaces by name, with their reference points."""
     if not names:
         raise ValueError("reduction: a body needs at least one interface to be held by")
-    given = validation.by_name("reduction: centers", centers or {}, "positions")
-    if unknown := sorted(set(given) - set(names)):
+    positions = validation.by_name("reduction: centers", centers or {}, "positions")
+    if unknown := sorted(set(positions) - set(names)):
         raise ValueError(f"reduction: centers for {unknown}, but the interfaces are {names}")
-    found: dict[str, Interface] = {}
+    result: dict[str, Interface] = {}
     for name in names:
         if name not in matrices.node_sets:
             raise ValueError(
@@ -168,17 +172,21 @@ def _interfaces(
                 f"interface {name!r} lies on a line or in one point: it cannot hold the body "
                 "against rotation"
             )
-        for other, taken in found.items():
-            if np.intersect1d(nodes, taken.dofs).size:
-                raise ValueError(f"interfaces {other!r} and {name!r} overlap: they share nodes")
+        for name_before, interface_before in result.items():
+            if np.intersect1d(nodes, interface_before.dofs).size:
+                raise ValueError(
+                    f"interfaces {name_before!r} and {name!r} overlap: they share nodes"
+                )
         center, axis = _reference(matrices, nodes)
-        if name in given:
-            what = f"interface {name!r}: center"
-            center = validation.real_array(what, given[name], (3,), expected="three components")
+        if name in positions:
+            argument = f"interface {name!r}: center"
+            center = validation.real_array(
+                argument, positions[name], (3,), expected="three components"
+            )
         extent = float(np.linalg.norm(np.ptp(points, axis=0)))
         none = np.zeros(0, dtype=np.int32)
-        found[name] = Interface(name, none, nodes.astype(np.int32), center, extent, axis)
-    return found
+        result[name] = Interface(name, none, nodes.astype(np.int32), center, extent, axis)
+    return result
 
 
 def _reference(matrices: AssembledMatrices, nodes: Integers) -> tuple[Array, Array | None]:

@@ -57,24 +57,24 @@ class Certificate:
 
         None as long as the space has to grow to tell. False says that some were outside of C.
         """
-        space, first = self._space, self._first
-        if space.complete == first:
+        space, n_before = self._space, self._first
+        if space.complete == n_before:
             return True if space.invariant else None  # noise has added nothing
         projected = space.projected
-        values, vectors = np.linalg.eigh(projected[first:, first:])
+        values, vectors = np.linalg.eigh(projected[n_before:, n_before:])
         if values[-1] >= limit:
             return False
         bound = 0.5 * (limit + values[-1])
         coupling = space.coupling
-        left = self._shares.T @ vectors[: len(self._shares)]
-        right = vectors.T @ coupling[:, first:].T
+        noise_parts = self._shares.T @ vectors[: len(self._shares)]
+        coupling_parts = vectors.T @ coupling[:, n_before:].T
         for theta in values[-1] + DISTANCES * (bound - values[-1]):
-            part = (left / (theta - values)) @ right
-            if np.linalg.norm(part) > SMALL * theta:
+            coupled = (noise_parts / (theta - values)) @ coupling_parts
+            if np.linalg.norm(coupled) > SMALL * theta:
                 return None
         # the most that the rest of T, whose eigenvalues are below the bound, adds by the coupling
-        whole = projected + symmetric(coupling.T @ coupling) / (limit - bound)
-        return True if np.count_nonzero(np.linalg.eigvalsh(whole) > limit) <= number else None
+        bounded = projected + symmetric(coupling.T @ coupling) / (limit - bound)
+        return True if np.count_nonzero(np.linalg.eigvalsh(bounded) > limit) <= number else None
 
 
 def noise(factored: FactoredBody, clamped: Mask, number: int) -> Block:

@@ -121,7 +121,7 @@ class OrderedFactor:
     Args:
         begins: Where rows begin (n + 1,), as PETSc stores them, in its integers.
         columns: Of the entries of the whole matrix, sorted within rows.
-        last: Of each unknown, whether it comes after all others.
+        at_end: Of each unknown, whether it comes after all others.
 
     Attributes:
         size: Number of unknowns n.
@@ -129,45 +129,45 @@ class OrderedFactor:
         entries: Numbers that L holds, zeros in its blocks among them.
     """
 
-    def __init__(self, begins: NDArray[Any], columns: NDArray[Any], last: NDArray[np.bool_]):
-        found = _library()
-        assert found is not None
-        self._library, self._common = found
+    def __init__(self, begins: NDArray[Any], columns: NDArray[Any], at_end: NDArray[np.bool_]):
+        library = _library()
+        assert library is not None
+        self._library, self._common = library
         n = self.size = len(begins) - 1
         self._values = np.zeros(len(columns))
         self._matrix = self._sparse(begins, columns, self._values)
-        first = np.flatnonzero(~last)
-        number = np.cumsum(~last) - 1
+        interior = np.flatnonzero(~at_end)
+        number = np.cumsum(~at_end) - 1
         rows = np.repeat(np.arange(n), np.diff(begins))
-        inner = ~last[rows] & ~last[columns]
-        counts = np.bincount(number[rows[inner]], minlength=len(first))
+        inner = ~at_end[rows] & ~at_end[columns]
+        counts = np.bincount(number[rows[inner]], minlength=len(interior))
         ends = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
         inside = number[columns[inner]].astype(PETSc.IntType)
         ordering = self._analysed(self._sparse(ends, inside, None), None)
-        order = first[self._integers(ordering, "perm", len(first))]
+        order = interior[self._integers(ordering, "perm", len(interior))]
         self._free(ordering)
-        order = np.concatenate([order, np.flatnonzero(last)]).astype(PETSc.IntType)
+        order = np.concatenate([order, np.flatnonzero(at_end)]).astype(PETSc.IntType)
         self._factor = self._analysed(self._matrix, order)
         self.places = np.argsort(self._integers(self._factor, "perm", n))
         self.entries = int(self._factor.contents.xsize)
-        self._corner = self._corner_entries(np.sort(self.places[last]))
+        self._corner = self._corner_entries(np.sort(self.places[at_end]))
 
     def _sparse(self, begins: NDArray[Any], rows: NDArray[Any], values: Array | None) -> _Sparse:
         """A symmetric matrix, of which CHOLMOD reads the upper part."""
-        n, at = len(begins) - 1, None if values is None else values.ctypes.data
+        n, address = len(begins) - 1, None if values is None else values.ctypes.data
         kind = 0 if values is None else _REAL
-        made = _Sparse(n, n, len(rows), begins.ctypes.data, rows.ctypes.data, None, at, None)
-        made.stype, made.itype, made.xtype = 1, 2 if _LONG else 0, kind
-        made.sorted, made.packed = 1, 1
-        made.held = begins, rows, values  # CHOLMOD only points at them
-        return made
+        matrix = _Sparse(n, n, len(rows), begins.ctypes.data, rows.ctypes.data, None, address, None)
+        matrix.stype, matrix.itype, matrix.xtype = 1, 2 if _LONG else 0, kind
+        matrix.sorted, matrix.packed = 1, 1
+        matrix.held = begins, rows, values  # CHOLMOD only points at them
+        return matrix
 
     def _analysed(self, matrix: _Sparse, order: NDArray[Any] | None) -> Any:
         """A factor without numbers, by an ``order`` or, column by column, by the best one."""
-        common, given = self._common, None if order is None else order.ctypes.data
+        common, address = self._common, None if order is None else order.ctypes.data
         common.supernodal = _SIMPLICIAL if order is None else _SUPERNODAL
         common.nmethods, common.ordering = int(order is not None), _GIVEN
-        arguments = ctypes.byref(matrix), c_void_p(given), None, c_size_t(0), ctypes.byref(common)
+        arguments = ctypes.byref(matrix), c_void_p(address), None, c_size_t(0), ctypes.byref(common)
         result = ctypes.POINTER(_Factor)
         factor = _call(self._library, "analyze_p", *arguments, result=result)
         if not factor or factor.contents.n != matrix.nrow:
@@ -176,27 +176,29 @@ class OrderedFactor:
 
     def _integers(self, factor: Any, name: str, count: int) -> Integers:
         kind = ctypes.c_int64 if _LONG else ctypes.c_int32
-        found = (kind * count).from_address(getattr(factor.contents, name)) if count else ()
-        return np.array(found, dtype=np.int64)
+        numbers = (kind * count).from_address(getattr(factor.contents, name)) if count else ()
+        return np.array(numbers, dtype=np.int64)
 
     def _corner_entries(self, ends: Integers) -> tuple[Integers, Integers, Integers]:
         """Where the entries of L in the rows ``ends`` stand, their rows and columns there."""
         factor = self._factor
         count = int(factor.contents.nsuper) + 1
-        first, begins, blocks = (self._integers(factor, k, count) for k in ("super", "pi", "px"))
+        first_columns, begins, blocks = (
+            self._integers(factor, k, count) for k in ("super", "pi", "px")
+        )
         rows = self._integers(factor, "s", int(factor.contents.ssize))
-        last = np.zeros(int(factor.contents.n), dtype=bool)
-        last[ends] = True
+        is_at_end = np.zeros(int(factor.contents.n), dtype=bool)
+        is_at_end[ends] = True
         entries = []
-        for k in np.unique(np.searchsorted(first, ends, side="right") - 1):
+        for k in np.unique(np.searchsorted(first_columns, ends, side="right") - 1):
             of_block = rows[begins[k] : begins[k + 1]]
-            columns = np.arange(first[k], first[k + 1])
-            i, j = np.nonzero((of_block[:, None] >= columns) & last[columns])
+            columns = np.arange(first_columns[k], first_columns[k + 1])
+            i, j = np.nonzero((of_block[:, None] >= columns) & is_at_end[columns])
             entries.append((blocks[k] + i + len(of_block) * j, of_block[i], columns[j]))
         if not entries:
             return (np.zeros(0, dtype=np.int64),) * 3
-        at, i, j = map(np.concatenate, zip(*entries, strict=True))
-        return at, np.searchsorted(ends, i), np.searchsorted(ends, j)
+        places, i, j = map(np.concatenate, zip(*entries, strict=True))
+        return places, np.searchsorted(ends, i), np.searchsorted(ends, j)
 
     def factor(self, values: Array) -> bool:
         """Factor the matrix of ``values`` of the entries; whether it is positive definite."""
@@ -208,11 +210,11 @@ class OrderedFactor:
 
     def corner(self, count: int) -> Array:
         """L in the rows and columns of the last ``count`` unknowns, as they stand in L."""
-        found, (at, i, j) = self._factor.contents, self._corner
+        contents, (places, i, j) = self._factor.contents, self._corner
         result = np.zeros((count, count))
-        if count and found.x:
-            numbers = (c_double * found.xsize).from_address(found.x)
-            result[i, j] = np.ctypeslib.as_array(numbers)[at]
+        if count and contents.x:
+            numbers = (c_double * contents.xsize).from_address(contents.x)
+            result[i, j] = np.ctypeslib.as_array(numbers)[places]
         return result
 
     def solve(self, block: Array) -> Array:
@@ -233,7 +235,7 @@ class OrderedFactor:
 
     def _half(self, name: str, block: Array) -> None:
         work = np.empty((max(int(self._factor.contents.maxesize), 1), block.shape[1]), order="F")
-        sides = (ctypes.byref(_Dense.of(each)) for each in (block, work))
+        sides = (ctypes.byref(_Dense.of(dense)) for dense in (block, work))
         done = _call(self._library, name, self._factor, *sides, ctypes.byref(self._common))
         assert done, "sizes that do not fit"
 

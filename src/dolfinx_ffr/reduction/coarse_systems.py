@@ -44,8 +44,8 @@ class CoarseSystems(ABC):
     rows: Integers | slice  #: Dofs of this rank that take part
 
     @abstractmethod
-    def part(self, matrix: PETSc.Mat, before: PETSc.Mat | None) -> PETSc.Mat:
-        """The ``rows`` and their columns of a clamped matrix, where that of ``before`` was."""
+    def part(self, matrix: PETSc.Mat, previous: PETSc.Mat | None) -> PETSc.Mat:
+        """The ``rows`` and their columns of a clamped matrix, where that of ``previous`` was."""
 
     @abstractmethod
     def levels(self, finest: PETSc.Mat) -> list[tuple[PETSc.Mat, PETSc.Mat]]:
@@ -62,8 +62,8 @@ class CoarseSystems(ABC):
 
 def coarse_systems(elasticity: Elasticity, clamped: Mask) -> CoarseSystems:
     """Those of boxes where nodes stand on a lattice, else of aggregates."""
-    found = interpolations(elasticity, clamped)
-    return NestedBoxes(elasticity, found) if found else Aggregates(elasticity, clamped)
+    matrices = interpolations(elasticity, clamped)
+    return NestedBoxes(elasticity, matrices) if matrices else Aggregates(elasticity, clamped)
 
 
 class NestedBoxes(CoarseSystems):
@@ -79,7 +79,7 @@ class NestedBoxes(CoarseSystems):
         self._coarse: list[PETSc.Mat] = []
         self._factor = SharedFactor(elasticity, factor_package(elasticity.comm))
 
-    def part(self, matrix: PETSc.Mat, before: PETSc.Mat | None) -> PETSc.Mat:
+    def part(self, matrix: PETSc.Mat, previous: PETSc.Mat | None) -> PETSc.Mat:
         return matrix
 
     def levels(self, finest: PETSc.Mat) -> list[tuple[PETSc.Mat, PETSc.Mat]]:
@@ -119,13 +119,13 @@ class Aggregates(CoarseSystems):
         ksp.getPC().setType("gamg")
         ksp.setFromOptions()
 
-    def part(self, matrix: PETSc.Mat, before: PETSc.Mat | None) -> PETSc.Mat:
+    def part(self, matrix: PETSc.Mat, previous: PETSc.Mat | None) -> PETSc.Mat:
         rows = matrix.getOwnershipRange()[0] + self._rows
         index = PETSc.IS().createGeneral(rows.astype(PETSc.IntType), comm=self._elasticity.comm)
         index.setBlockSize(self._elasticity.dimension)
-        interior = matrix.createSubMatrix(index, index, before)
+        interior = matrix.createSubMatrix(index, index, previous)
         index.destroy()
-        if before is None:
+        if previous is None:
             interior.setBlockSize(self._elasticity.dimension)
             self._parts.append(interior)
         return interior
@@ -167,10 +167,10 @@ class Aggregates(CoarseSystems):
         for _ in range(2):  # orthonormal to round-off, as PETSc demands
             gram = elasticity.inner(fields, fields)
             fields = fields @ np.linalg.inv(np.linalg.cholesky(gram)).T
-        like = matrix.createVecRight()
-        columns = vectors(like, fields)
+        template = matrix.createVecRight()
+        columns = vectors(template, fields)
         space = PETSc.NullSpace().create(vectors=columns, comm=elasticity.comm)
-        for vector in (like, *columns):
+        for vector in (template, *columns):
             vector.destroy()
         return space
 

@@ -240,23 +240,23 @@ class CraigBampton:
             center = domain.interfaces[name].center + step
             moved = domain.with_center(name, center)
             origin, motions = self.frame.origin(moved), self.frame.retained(moved)
-            found = float(np.sum(values_bar * self._lift(moved, motions)) - shifted @ origin)
-            for other, bar in markers_bar.items() if domain.comm.rank == 0 else ():
-                found -= float(bar.position @ origin)
-                if other in domain.interfaces:
-                    displacement, rotation = self.interface_motion(other, motions)
+            total = float(np.sum(values_bar * self._lift(moved, motions)) - shifted @ origin)
+            for marker, bar in markers_bar.items() if domain.comm.rank == 0 else ():
+                total -= float(bar.position @ origin)
+                if marker in domain.interfaces:
+                    displacement, rotation = self.interface_motion(marker, motions)
                     k = displacement.shape[1]
-                    found += float(bar.position @ moved.interfaces[other].center)
-                    loaded = bar.displacement[:, :k] + loads_bar.get(other, 0.0)
-                    found += float(np.sum(loaded * displacement))
-                    found += float(np.sum(bar.rotation[..., :k] * rotation))
-            return found
+                    total += float(bar.position @ moved.interfaces[marker].center)
+                    loaded = bar.displacement[:, :k] + loads_bar.get(marker, 0.0)
+                    total += float(np.sum(loaded * displacement))
+                    total += float(np.sum(bar.rotation[..., :k] * rotation))
+            return total
 
         result = np.zeros((len(domain.interfaces), d))
-        for row, (name, part) in zip(result, domain.interfaces.items(), strict=True):
-            steps = _STEP * part.extent * np.eye(d)
+        for row, (name, interface) in zip(result, domain.interfaces.items(), strict=True):
+            steps = _STEP * interface.extent * np.eye(d)
             row[:] = [along(name, step) - along(name, -step) for step in steps]
-            row /= 2.0 * _STEP * part.extent
+            row /= 2.0 * _STEP * interface.extent
         return np.asarray(sum(domain.comm.allgather(result)))
 
     def interface_motion(
@@ -268,8 +268,8 @@ class CraigBampton:
         default for the ``motions`` that the frame retains.
         """
         d = self.elasticity.dimension
-        every = (self.motions if motions is None else motions).items()
-        rows = [m if each == name else np.zeros_like(m) for each, m in every]
+        motions_by_name = (self.motions if motions is None else motions).items()
+        rows = [m if interface == name else np.zeros_like(m) for interface, m in motions_by_name]
         motion = np.vstack([np.zeros((0, 3 * d - 3)), *rows]).T
         return motion[:d], motion[2] if d == 2 else motion[d:]
 
@@ -319,8 +319,9 @@ class CraigBampton:
         eigenvalues, normal = np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
         mass_normal = normal
         if n:
-            found = self._eigensolver.lowest(factored, n, load)
-            eigenvalues, normal, mass_normal, bounds, static = found
+            eigenvalues, normal, mass_normal, bounds, static = self._eigensolver.lowest(
+                factored, n, load
+            )
             self._warn_about_cluster(eigenvalues, bounds)
         else:
             static = factored.solve(load)
@@ -431,8 +432,8 @@ class CraigBampton:
         right = -shapes_bar
         right[self.clamped] = 0.0
         k = basis.n_constraint
-        static, others = np.split(right, [k], axis=1)
-        return self.solve_shifted(factored, basis, others, basis.eigenvalues, static)
+        static, of_normal_modes = np.split(right, [k], axis=1)
+        return self.solve_shifted(factored, basis, of_normal_modes, basis.eigenvalues, static)
 
     def solve_shifted(
         self,
@@ -476,33 +477,33 @@ class CraigBampton:
             solution, iterations = factored.clamped.solver.solve_shifted(
                 matrices, loads, shifts, (normal, mass_normal)
             )
-            whole = [factored.solve(static), solution + truncated @ shares]
-            return np.hstack(whole), iterations
-        both = factored.solve(np.hstack([static, loads]))
-        static, first = np.split(both, [static.shape[1]], axis=1)
-        first -= normal @ inner(mass_normal, first)
-        energies_of_first = self.elasticity.sum(np.einsum("ij,ij->j", first, loads))
-        known = energies_of_first + eigenvalues @ shares**2
+            columns = [factored.solve(static), solution + truncated @ shares]
+            return np.hstack(columns), iterations
+        solutions = factored.solve(np.hstack([static, loads]))
+        static, unshifted = np.split(solutions, [static.shape[1]], axis=1)
+        unshifted -= normal @ inner(mass_normal, unshifted)
+        energies_of_first = self.elasticity.sum(np.einsum("ij,ij->j", unshifted, loads))
+        energies_without_space = energies_of_first + eigenvalues @ shares**2
         reach = shifts**2.5 / (1.0 - shifts / eigenvalues[-1]) / np.sqrt(eigenvalues[-1])
         # by their share in the error; directions with a tenth of what is allowed are not followed
         weights = reach / shifts
-        floor = 0.1 * self.tolerance * float(np.sqrt(np.max(shifts * known)))
+        floor = 0.1 * self.tolerance * float(np.sqrt(np.max(shifts * energies_without_space)))
         without = normal, mass_normal
-        space = KrylovSpace(factored, first * weights, without, floor=floor)
+        space = KrylovSpace(factored, unshifted * weights, without, floor=floor)
         if space.invariant:  # nothing to solve for
-            return np.hstack([static, first + truncated @ shares]), 0
+            return np.hstack([static, unshifted + truncated @ shares]), 0
         for iteration in range(MAX_ITERATIONS):
             start = np.zeros((space.complete, len(shifts)))
             start[: len(space.start)] = (space.start / weights)[: space.complete]
             values, vectors = np.linalg.eigh(space.projected)
             answers = vectors @ ((vectors.T @ start) / (1.0 - shifts * values[:, None]))
             if space.complete:
-                energies = known + shifts * np.einsum(
+                energies = energies_without_space + shifts * np.einsum(
                     "ij,ij->j", answers, 2.0 * start + shifts * (space.projected @ answers)
                 )
                 largest = np.sqrt(max(np.max(shifts * energies), 0.0))
                 if np.max(reach * space.residual_norms(answers)) <= self.tolerance * largest:
-                    solution = first + shifts * space.image_of(answers)
+                    solution = unshifted + shifts * space.image_of(answers)
                     solution -= normal @ inner(mass_normal, solution)
                     return np.hstack([static, solution + truncated @ shares]), iteration
             if space.invariant:

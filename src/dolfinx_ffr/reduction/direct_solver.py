@@ -74,8 +74,8 @@ def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
 
 def factor_package(comm: MPI.Comm) -> str:
     """The library for a factor whose rows all ranks share."""
-    known = comm.size == 1 and any(map(PETSc.Sys.hasExternalPackage, CHOLMOD))
-    return "cholmod" if known else "mumps"
+    has_cholmod = comm.size == 1 and any(map(PETSc.Sys.hasExternalPackage, CHOLMOD))
+    return "cholmod" if has_cholmod else "mumps"
 
 
 def factor_entries(elasticity: Elasticity, matrix: PETSc.Mat, most: float = math.inf) -> float:
@@ -92,14 +92,14 @@ def factor_entries(elasticity: Elasticity, matrix: PETSc.Mat, most: float = math
     domain = elasticity.domain
     length = float(np.ptp(domain.bounding_box, axis=0).max())
     band = n * domain.cell_size / (domain.order * length)
-    found = min(0.35 * entries * growth, n * max(band, entries / n))
-    if not most < found < _HOPELESS * most or matrix.comm.size > 1 or not cholmod.is_known():
-        return found
+    estimate = min(0.35 * entries * growth, n * max(band, entries / n))
+    if not most < estimate < _HOPELESS * most or matrix.comm.size > 1 or not cholmod.is_known():
+        return estimate
     begins, columns, _ = matrix.getValuesCSR()
     try:
         factor = cholmod.OrderedFactor(begins, columns, np.zeros(n, dtype=bool))
     except MemoryError:  # nor is there any for the factor
-        return found
+        return estimate
     factor.destroy()
     return factor.entries
 
@@ -146,12 +146,12 @@ def _ksp(comm: MPI.Comm, package: str) -> PETSc.KSP:
 
 def solved(pc: PETSc.PC, right: PETSc.Mat) -> Block:
     """The solution by a factor for a dense matrix of right-hand sides, which is destroyed."""
-    found = np.empty((right.getLocalSize()[0], right.getSize()[1]), order="F")
-    left = dense_matrix(right.getComm(), found)  # of these entries
-    pc.getFactorMatrix().matSolve(right, left)
-    left.destroy()
+    solution = np.empty((right.getLocalSize()[0], right.getSize()[1]), order="F")
+    target = dense_matrix(right.getComm(), solution)  # of these entries
+    pc.getFactorMatrix().matSolve(right, target)
+    target.destroy()
     right.destroy()
-    return found
+    return solution
 
 
 class SharedFactor(LinearSolver):
@@ -194,15 +194,23 @@ class Between:
         rows = np.repeat(np.arange(begin, end), np.diff(begins))
         across = (coupled_to < begin) | (coupled_to >= end)
         rows, columns = rows[across], coupled_to[across]
-        own, place, counts = np.unique(rows, return_inverse=True, return_counts=True)
-        said = zip(*elasticity.comm.allgather((own, counts)), strict=True)
-        coupled, couplings = map(np.concatenate, said)
-        here, there = counts[place], couplings[np.searchsorted(coupled, columns)]
-        own = np.unique(rows[(here > there) | ((here == there) & (rows < columns))])
-        every = np.concatenate(elasticity.comm.allgather(own))
-        beside = np.intersect1d(coupled_to, every)
+        separator, place, counts = np.unique(rows, return_inverse=True, return_counts=True)
+        gathered = zip(*elasticity.comm.allgather((separator, counts)), strict=True)
+        coupled, couplings = map(np.concatenate, gathered)
+        couplings_of_rows, couplings_of_columns = (
+            counts[place],
+            couplings[np.searchsorted(coupled, columns)],
+        )
+        separator = np.unique(
+            rows[
+                (couplings_of_rows > couplings_of_columns)
+                | ((couplings_of_rows == couplings_of_columns) & (rows < columns))
+            ]
+        )
+        of_all_ranks = np.concatenate(elasticity.comm.allgather(separator))
+        beside = np.intersect1d(coupled_to, of_all_ranks)
         entries = elasticity.comm.allreduce(0.5 * len(beside) ** 2)
-        return Between(every, own, beside, entries)
+        return Between(of_all_ranks, separator, beside, entries)
 
 
 class PartedFactor(LinearSolver):
@@ -211,60 +219,65 @@ class PartedFactor(LinearSolver):
     def __init__(self, elasticity: Elasticity, matrix: PETSc.Mat, between: Between) -> None:
         self._elasticity, comm = elasticity, elasticity.comm
         begin, end = matrix.getOwnershipRange()
-        part = np.union1d(np.arange(begin, end), between.beside).astype(PETSc.IntType)
-        wanted = PETSc.IS().createGeneral(part, PETSc.COMM_SELF)
-        self._part, self._matrix = part, matrix.createSubMatrices(wanted)[0]
-        wanted.destroy()
+        unknowns = np.union1d(np.arange(begin, end), between.beside).astype(PETSc.IntType)
+        index = PETSc.IS().createGeneral(unknowns, PETSc.COMM_SELF)
+        self._part, self._matrix = unknowns, matrix.createSubMatrices(index)[0]
+        index.destroy()
         begins, columns, _ = self._matrix.getValuesCSR()
-        last = np.isin(part, between.every)
+        is_between = np.isin(unknowns, between.every)
         with on_every_rank(comm, "the order of a factor"):
-            self._factor = cholmod.OrderedFactor(begins, columns, last)
+            self._factor = cholmod.OrderedFactor(begins, columns, is_between)
         places = self._factor.places
         order = np.argsort(places)
         #: Places in L of the last unknowns, and their numbers between the parts
-        self._corner = np.sort(places[last])
-        self._number = np.searchsorted(between.every, part[order[self._corner]])
+        self._corner = np.sort(places[is_between])
+        self._number = np.searchsorted(between.every, unknowns[order[self._corner]])
         #: Of each place in L the row of this rank, some row where it has none, and back
-        self._rows = np.clip(part[order] - begin, 0, max(end - begin - 1, 0))
-        self._places = places[(part >= begin) & (part < end)]
+        self._rows = np.clip(unknowns[order] - begin, 0, max(end - begin - 1, 0))
+        self._places = places[(unknowns >= begin) & (unknowns < end)]
         #: Rows of this rank between the parts, and their numbers there
         self._edge = between.own - begin, np.searchsorted(between.every, between.own)
         # how many ranks add to each entry of the matrix between parts
         pairs = [np.stack(np.broadcast_arrays(k[:, None], k)) for k in comm.allgather(self._number)]
-        rows, others = np.hstack([pair.reshape(2, -1) for pair in pairs])
+        rows, columns_of_pairs = np.hstack([pair.reshape(2, -1) for pair in pairs])
         size = len(between.every)
-        ranks = csr_array((np.ones(len(rows)), (rows, others)), (size, size))
+        ranks = csr_array((np.ones(len(rows)), (rows, columns_of_pairs)), (size, size))
         ranks.sort_indices()
         begins_, columns_ = (k.astype(PETSc.IntType) for k in (ranks.indptr, ranks.indices))
         with on_every_rank(comm, "the order of what is between parts"):
             self._between = cholmod.OrderedFactor(begins_, columns_, np.zeros(size, dtype=bool))
         keys = np.repeat(np.arange(size), np.diff(ranks.indptr)) * size + ranks.indices
-        own = self._number[:, None] * size + self._number
+        places_of_pairs = self._number[:, None] * size + self._number
         #: Where this rank's corner adds to the entries, of so many
-        self._added, self._count = np.searchsorted(keys, own), len(keys)
+        self._added, self._count = np.searchsorted(keys, places_of_pairs), len(keys)
         # Entries between the parts, their rows and columns in the corner, which holds all of them,
         # and what is taken off: ranks add 1 / (number of ranks that have it) of each entry of A_gg
-        number = np.full(len(part), -1)
+        number = np.full(len(unknowns), -1)
         number[order[self._corner]] = np.arange(len(self._corner))
-        i, j = number[np.repeat(np.arange(len(part)), np.diff(begins))], number[columns]
-        at = np.flatnonzero((i >= 0) & (j >= 0))
-        self._entries = at, i[at], j[at], 1.0 / ranks.data[self._added[i[at], j[at]]] - 1.0
+        i, j = number[np.repeat(np.arange(len(unknowns)), np.diff(begins))], number[columns]
+        entries = np.flatnonzero((i >= 0) & (j >= 0))
+        self._entries = (
+            entries,
+            i[entries],
+            j[entries],
+            1.0 / ranks.data[self._added[i[entries], j[entries]]] - 1.0,
+        )
 
     def factor(self, matrix: PETSc.Mat) -> None:
-        wanted = PETSc.IS().createGeneral(self._part, PETSc.COMM_SELF)
-        matrix.createSubMatrices(wanted, submats=[self._matrix])
-        wanted.destroy()
+        index = PETSc.IS().createGeneral(self._part, PETSc.COMM_SELF)
+        matrix.createSubMatrices(index, submats=[self._matrix])
+        index.destroy()
         values = self._matrix.getValuesCSR()[2]
         with on_every_rank(self._elasticity.comm, "a factor"):
             positive = self._factor.factor(values)
         self._last = self._factor.corner(len(self._corner))
         corner = self._last @ self._last.T
-        at, i, j, share = self._entries
-        corner[i, j] += share * values[at]
-        whole = np.zeros(self._count)
-        whole[self._added] = corner
+        entries, i, j, share = self._entries
+        corner[i, j] += share * values[entries]
+        summed = np.zeros(self._count)
+        summed[self._added] = corner
         with on_every_rank(self._elasticity.comm, "the factor between parts"):
-            positive &= self._between.factor(self._elasticity.sum(whole))
+            positive &= self._between.factor(self._elasticity.sum(summed))
         if not self._elasticity.comm.allreduce(positive, MPI.LAND):
             raise PETSc.Error(_SINGULAR)
 

@@ -63,9 +63,9 @@ def lowest_eigenpairs(
         eps.solve()
         converged = eps.getConverged()
         if converged < number:
-            before = len(deflated)
+            n_known = len(deflated)
             raise RuntimeError(
-                f"reduction: only {before + converged} of {before + number} normal modes "
+                f"reduction: only {n_known + converged} of {n_known + number} normal modes "
                 f"converged in {eps.getIterationNumber()} iterations; the mesh may be too coarse "
                 "for so many modes, or the design may have fallen apart"
             )
@@ -83,23 +83,23 @@ def lowest_eigenpairs(
     return eigenvalues[order], fields[:, order]
 
 
-def vectors(like: PETSc.Vec, block: Block) -> list[PETSc.Vec]:
+def vectors(template: PETSc.Vec, block: Block) -> list[PETSc.Vec]:
     """The columns of a block."""
-    found = [like.duplicate() for _ in block.T]
-    for vector, column in zip(found, block.T, strict=True):
+    copies = [template.duplicate() for _ in block.T]
+    for vector, column in zip(copies, block.T, strict=True):
         vector.setArray(column)
-    return found
+    return copies
 
 
 def by_columns(
-    function: Callable[[Any, Any], None], right: PETSc.Vec, left: PETSc.Vec, block: Block
+    function: Callable[[Any, Any], None], right: PETSc.Vec, image: PETSc.Vec, block: Block
 ) -> Block:
     """A function of one vector for each column; the vectors that it works with are destroyed."""
-    result = np.empty((left.getLocalSize(), block.shape[1]), order="F")
+    result = np.empty((image.getLocalSize(), block.shape[1]), order="F")
     for i in range(block.shape[1]):
         right.setArray(block[:, i])
-        function(right, left)
-        result[:, i] = left.getArray(readonly=True)
-    left.destroy()
+        function(right, image)
+        result[:, i] = image.getArray(readonly=True)
+    image.destroy()
     right.destroy()
     return result

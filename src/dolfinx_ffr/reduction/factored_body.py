@@ -69,7 +69,7 @@ class ClampedMatrices:
         factor.setMumpsIcntl(31, 1)  # the factor is not kept: nothing is solved with it
         pc.setUp()
         state = factor.getMumpsInfog(1)  # PETSc goes on where MUMPS fails
-        found = int(factor.getInertia()[0]) if state >= 0 else 0
+        count = int(factor.getInertia()[0]) if state >= 0 else 0
         for item in (factor, pc, *([] if last else [shifted])):
             item.destroy()
         if state < 0:
@@ -77,7 +77,7 @@ class ClampedMatrices:
                 f"reduction: MUMPS cannot factor the shifted stiffness (INFOG(1) = {state}, "
                 "see its manual), so that modes cannot be counted; is there too little memory?"
             )
-        return found
+        return count
 
     def destroy(self) -> None:
         """Free the memory on all ranks together."""

@@ -380,8 +380,8 @@ class FlexibleBody:
         if self.reduction.solver == DIRECT:
             entries += factor_entries(self.elasticity, matrix, room / 8.0 - entries)
         matrix.destroy()
-        how: dict[str, Any] = {"each": 8.0, "most": math.inf, "whose": "that are left"}
-        check_count(what, entries, "numbers", remedy, available=room, **how)
+        options: dict[str, Any] = {"each": 8.0, "most": math.inf, "whose": "that are left"}
+        check_count(what, entries, "numbers", remedy, available=room, **options)
 
     def release(self) -> None:
         """Free matrices and factor, which are made again where they are needed."""
@@ -398,10 +398,10 @@ class FlexibleBody:
 
     def integrals(self, factored: FactoredBody, basis: ReducedBasis) -> VolumeIntegrals:
         """The volume integrals of a ``factored`` body with the shape functions ``basis``."""
-        found = volume_integrals(self.reduction, factored.matrices, basis, self.markers)
+        integrals = volume_integrals(self.reduction, factored.matrices, basis, self.markers)
         if self.stiffening is None:
-            return found
-        return self.stiffening.stiffened(factored, basis, found)
+            return integrals
+        return self.stiffening.stiffened(factored, basis, integrals)
 
     def in_space(self, reduced: ReducedBody) -> VolumeIntegrals:
         """The integrals of a ``reduced`` body in space, as programs for space take it.
@@ -460,18 +460,18 @@ class FlexibleBody:
         with self._working:
             start = perf_counter()
             moved = self.elasticity.nodes.zeros() if nodes else None
-            found = self._adjoint(reduced, bar, shapes, moved)
-            x, of = reduced.density, self.elasticity
-            gradient = of.density_gradient(x, *found.pairs, nodes=moved, cells=cells)
+            adjoint = self._adjoint(reduced, bar, shapes, moved)
+            x, elasticity = reduced.density, self.elasticity
+            gradient = elasticity.density_gradient(x, *adjoint.pairs, nodes=moved, cells=cells)
             by_nodes, by_centers = None, None
             if moved is not None:
-                by_nodes, by_centers = self._by_nodes(moved, reduced, found)
+                by_nodes, by_centers = self._by_nodes(moved, reduced, adjoint)
             learnt = {
-                "iterations": found.iterations,
-                "reduction pullback": found.seconds,
-                "integrals pullback": perf_counter() - start - found.seconds,
+                "iterations": adjoint.iterations,
+                "reduction pullback": adjoint.seconds,
+                "integrals pullback": perf_counter() - start - adjoint.seconds,
             }
-            return BodyPullback(gradient + found.direct, by_nodes, by_centers, learnt)
+            return BodyPullback(gradient + adjoint.direct, by_nodes, by_centers, learnt)
 
     def _adjoint(
         self,
@@ -485,22 +485,22 @@ class FlexibleBody:
         if fields is not None and fields.K is not None:
             bar = replace(bar, K=bar.K + fields.K)
         matrices, direct = factored.matrices, np.zeros(self.domain.n_cells)
-        own = volume_integrals_pullback(self.reduction, matrices, basis, self.markers, bar)
-        parts = [own] if fields is None else [own, fields]
+        of_integrals = volume_integrals_pullback(self.reduction, matrices, basis, self.markers, bar)
+        shares = [of_integrals] if fields is None else [of_integrals, fields]
         if self.stiffening is not None:
             stiff, direct = self.stiffening.pullback(factored, basis, bar, moved)
-            parts.append(stiff)
-        before = perf_counter()
-        shapes_bar = sum((part.shapes for part in parts[1:]), own.shapes)
+            shares.append(stiff)
+        start = perf_counter()
+        shapes_bar = sum((share.shapes for share in shares[1:]), of_integrals.shapes)
         adjoint, iterations = self.reduction.pullback(factored, basis, shapes_bar)
-        seconds = perf_counter() - before
-        assert own.pairs is not None
-        _, y, _, kappa = own.pairs
+        seconds = perf_counter() - start
+        assert of_integrals.pairs is not None
+        _, y, _, kappa = of_integrals.pairs
         kappa += adjoint
         y[:, 1 + basis.n_constraint : -1] -= basis.eigenvalues * adjoint[:, basis.n_constraint :]
-        every = zip(*(part.pairs for part in parts if part.pairs is not None), strict=True)
-        w, y, phi, kappa = map(np.hstack, every)
-        return _Adjoint((w, y, phi, kappa), bar, parts, adjoint, direct, iterations, seconds)
+        pairs = zip(*(share.pairs for share in shares if share.pairs is not None), strict=True)
+        w, y, phi, kappa = map(np.hstack, pairs)
+        return _Adjoint((w, y, phi, kappa), bar, shares, adjoint, direct, iterations, seconds)
 
     def struts(self, reduced: ReducedBody, bar: VolumeIntegrals) -> Struts:
         """What struts of a ``reduced`` body carry, others would, and holes change.
@@ -511,26 +511,28 @@ class FlexibleBody:
             pairs, matrices = self._adjoint(reduced, bar).pairs, self.factored(reduced).matrices
             return Struts(self.elasticity, matrices, pairs, reduced.basis)
 
-    def _by_nodes(self, moved: Array, reduced: ReducedBody, found: _Adjoint) -> tuple[Array, Array]:
+    def _by_nodes(
+        self, moved: Array, reduced: ReducedBody, adjoint: _Adjoint
+    ) -> tuple[Array, Array]:
         """The derivatives by the nodes, from that of the pairs, ``moved``, and by the centers.
 
         Shapes (nodes, dimension) and (interfaces, dimension).
         """
-        basis, bar, parts = reduced.basis, found.bar, found.parts
+        basis, bar, shares = reduced.basis, adjoint.bar, adjoint.parts
         k, mesh_nodes = basis.n_constraint, self.elasticity.nodes
         stiffness = self.factored(reduced).matrices.stiffness
-        values = self.elasticity.apply(stiffness, found.adjoint[:, :k])
+        values = self.elasticity.apply(stiffness, adjoint.adjoint[:, :k])
         reference = np.zeros(len(values))
-        for part in parts:
-            values += part.shapes[:, :k]
-            values += 0.0 if part.lifted is None else part.lifted
-            reference += 0.0 if part.reference is None else part.reference
-            if part.stress is not None:
-                self.stress_recovery.add_node_gradient(moved, *part.stress)
+        for share in shares:
+            values += share.shapes[:, :k]
+            values += 0.0 if share.lifted is None else share.lifted
+            reference += 0.0 if share.reference is None else share.reference
+            if share.stress is not None:
+                self.stress_recovery.add_node_gradient(moved, *share.stress)
         mesh_nodes.add_positions(moved, reference + self.reduction.lifted_pullback(values))
         for name, marker in self.markers.items():
             marker.add_node_gradient(moved, self.elasticity, basis.shapes, bar.markers[name])
-        loads = {name: bar for part in parts for name, bar in part.loads.items()}
+        loads = {name: bar for share in shares for name, bar in share.loads.items()}
         by_centers = self.reduction.centers_pullback(values, reference, bar.markers, loads)
         return mesh_nodes.collected(moved), by_centers
 
@@ -579,8 +581,8 @@ class FlexibleBody:
             if fields.shape[1] == r:
                 return ShapesBar(fields, stress=(basis.shapes, bar))
             factored = self.factored(reduced)
-            through, more = static_correction_pullback(
+            of_correction, correction = static_correction_pullback(
                 self.reduction, factored, basis, fields[:, r:]
             )
-        stress = np.hstack([basis.shapes, more]), bar
-        return replace(through, shapes=fields[:, :r] + through.shapes, stress=stress)
+        stress = np.hstack([basis.shapes, correction]), bar
+        return replace(of_correction, shapes=fields[:, :r] + of_correction.shapes, stress=stress)

@@ -51,8 +51,8 @@ class TangentFrame(Frame):
 
     def retained(self, domain: Domain) -> dict[str, Array]:
         _center(domain, self.interface, "tangent frame")
-        whole = np.eye(3 * domain.dimension - 3)
-        return {name: whole for name in domain.interfaces if name != self.interface}
+        all_motions = np.eye(3 * domain.dimension - 3)
+        return {name: all_motions for name in domain.interfaces if name != self.interface}
 
 
 @dataclass(frozen=True)

@@ -65,9 +65,11 @@ class GeometricStiffening:
         self, reduction: CraigBampton, loads: Sequence[str], markers: Mapping[str, PointMarker]
     ) -> None:
         self._shapes = LOADS[reduction.elasticity.dimension]
-        known = [*self._shapes, MARKERS]
-        if not loads or not set(loads) <= set(known):
-            raise ValueError(f"geometric stiffening: loads {list(loads)} must be some of {known}")
+        available = [*self._shapes, MARKERS]
+        if not loads or not set(loads) <= set(available):
+            raise ValueError(
+                f"geometric stiffening: loads {list(loads)} must be some of {available}"
+            )
         self.reduction = reduction
         self.elasticity = elasticity = reduction.elasticity
         self.loads = frozenset(loads)
@@ -109,11 +111,11 @@ class GeometricStiffening:
         self.elasticity.set_density(factored.matrices.density)
         displacements = self._displacements(factored, basis)
         matrices = map(self._assembled, displacements.T)  # one at a time, in the same memory
-        found = iter([projected(self.elasticity, m, basis.shapes) for m in matrices])
+        reduced = iter([projected(self.elasticity, m, basis.shapes) for m in matrices])
 
         def stacked(shape: tuple[int, ...]) -> Array:
-            parts = np.array(list(islice(found, math.prod(shape))))
-            return parts.reshape(*shape, *parts.shape[1:])
+            matrices_of_load = np.array(list(islice(reduced, math.prod(shape))))
+            return matrices_of_load.reshape(*shape, *matrices_of_load.shape[1:])
 
         inertia = {load: stacked(self._shapes[load]) for load in self._inertia}
         markers = dict(integrals.markers)
@@ -161,14 +163,16 @@ class GeometricStiffening:
         inertia = self._load_fields()
         loads[:, : inertia.shape[1]] = inertia
         adjoints = self._static(factored, basis, forces)
-        found = ShapesBar(shapes_bar, pairs=(loads, adjoints, displacements, -adjoints))
+        shapes_and_pairs = ShapesBar(shapes_bar, pairs=(loads, adjoints, displacements, -adjoints))
         if nodes is not None:
             reference = self._reference(factored, adjoints[:, : inertia.shape[1]])
             lifted, z = self._lifted(factored, basis, forces, displacements, adjoints)
-            held = z[:, inertia.shape[1] :].reshape(len(z), -1, elasticity.dimension)
-            of_interfaces = zip(self._interfaces, held.transpose(1, 2, 0), strict=False)
-            found = replace(found, reference=reference, lifted=lifted, loads=dict(of_interfaces))
-        return found, direct[: elasticity.domain.n_cells]
+            of_forces = z[:, inertia.shape[1] :].reshape(len(z), -1, elasticity.dimension)
+            of_interfaces = zip(self._interfaces, of_forces.transpose(1, 2, 0), strict=False)
+            shapes_and_pairs = replace(
+                shapes_and_pairs, reference=reference, lifted=lifted, loads=dict(of_interfaces)
+            )
+        return shapes_and_pairs, direct[: elasticity.domain.n_cells]
 
     def _reference(self, factored: FactoredBody, adjoints: Block) -> Array:
         """The derivative of sum_b m_x(F_b, z_b) with respect to the reference position, (dofs,)."""
@@ -209,7 +213,7 @@ class GeometricStiffening:
             for block in (displacements, adjoints, modes)
         )
         reduced = elasticity.inner(modes, of_modes)
-        u, z = (np.linalg.solve(reduced, elasticity.inner(modes, part)) for part in (of_u, of_z))
+        u, z = (np.linalg.solve(reduced, elasticity.inner(modes, image)) for image in (of_u, of_z))
         return np.asarray((forces - of_z) @ u.T + (loads - of_u) @ z.T), z
 
     def _unit_forces(self) -> list[Block]:
@@ -220,12 +224,12 @@ class GeometricStiffening:
         """The derivatives by the matrices, in the order of the displacements."""
         r, d = bar.modes, self.elasticity.dimension
         none = {load: np.zeros((*shape, r, r)) for load, shape in self._shapes.items()}
-        parts = [np.zeros((0, r, r))]
-        parts += [(none | bar.stiffening)[load].reshape(-1, r, r) for load in self._inertia]
+        matrices = [np.zeros((0, r, r))]
+        matrices += [(none | bar.stiffening)[load].reshape(-1, r, r) for load in self._inertia]
         for name in [*self._interfaces, *self._markers]:
             of_marker = bar.markers[name].stiffening
-            parts.append(np.zeros((d, r, r)) if of_marker is None else of_marker)
-        return list(np.concatenate(parts))
+            matrices.append(np.zeros((d, r, r)) if of_marker is None else of_marker)
+        return list(np.concatenate(matrices))
 
     def _load_fields(self) -> Block:
         """The fields F_b of the loads of the inertia that are modelled."""

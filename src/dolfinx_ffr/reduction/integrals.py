@@ -43,33 +43,35 @@ def volume_integrals(
     mass_unit = elasticity.apply(matrices.mass, unit)
     K = projected(elasticity, matrices.stiffness, basis.shapes)
     _warn_of_round_off(basis, K)
-    at = {}
+    at_markers = {}
     n_normal = basis.shapes.shape[1] - basis.n_constraint
     for name, interface in elasticity.domain.interfaces.items():
         displacement, rotation = reduction.interface_motion(name)
-        at[name] = BodyMarker(
+        at_markers[name] = BodyMarker(
             interface.center - reduction.origin,
             np.pad(displacement, ((0, 0), (0, n_normal))),
             np.pad(rotation, [(0, 0)] * (rotation.ndim - 1) + [(0, n_normal)]),
         )
     for name, marker in markers.items():
-        at[name] = BodyMarker(marker.position - reduction.origin, *marker.motion(basis.shapes))
+        at_markers[name] = BodyMarker(
+            marker.position - reduction.origin, *marker.motion(basis.shapes)
+        )
     mass = float(elasticity.inner(unit[:, :1], mass_unit[:, :1])[0, 0])
     S = elasticity.inner(fields, mass_unit)
     if elasticity.dimension == 3:
         P = _second_moments(elasticity, fields, mass_fields)
-        return VolumeIntegrals.in_space(mass, S, P, K, at)
+        return VolumeIntegrals.in_space(mass, S, P, K, at_markers)
     G = symmetric(elasticity.inner(fields, mass_fields))
     turned = elasticity.inner(rotated(fields), mass_fields)
     N = 0.5 * (turned - turned.T)
-    return VolumeIntegrals(mass=mass, S=S, G=G, N=N, K=K, markers=at)
+    return VolumeIntegrals(mass=mass, S=S, G=G, N=N, K=K, markers=at_markers)
 
 
 def _second_moments(elasticity: Elasticity, fields: Block, mass_fields: Block) -> Array:
     """Int rho w_a w_b^T, shape (a, a, d, d), of fields and their products with the mass."""
     d = elasticity.dimension
-    parts = [elasticity.inner(fields[k::d], mass_fields[j::d]) for k, j in np.ndindex(d, d)]
-    P = np.stack(parts, axis=-1).reshape(*parts[0].shape, d, d)
+    moments = [elasticity.inner(fields[k::d], mass_fields[j::d]) for k, j in np.ndindex(d, d)]
+    P = np.stack(moments, axis=-1).reshape(*moments[0].shape, d, d)
     return 0.5 * (P + P.transpose(1, 0, 3, 2))
 
 
@@ -83,11 +85,11 @@ def second_moments(reduction: CraigBampton, matrices: Matrices, basis: ReducedBa
 def _warn_of_round_off(basis: ReducedBasis, stiffness: Array) -> None:
     """Warn if phi^T K phi is not lambda, as it is exactly where phi^T M phi = 1."""
     energies = np.diag(stiffness)[basis.n_constraint :]
-    found = float(np.max(np.abs(energies / basis.eigenvalues - 1.0), initial=0.0))
-    if found > ROUND_OFF:
+    error = float(np.max(np.abs(energies / basis.eigenvalues - 1.0), initial=0.0))
+    if error > ROUND_OFF:
         warnings.warn(
             f"reduction: the stiffness is so ill-conditioned that round-off changes squares of "
-            f"frequencies by {found:.0e} of their size, and psi by some ten times that; neither "
+            f"frequencies by {error:.0e} of their size, and psi by some ten times that; neither "
             "gradients nor differences are better. Bodies hundreds of times longer than high, and "
             "plane strain of nearly incompressible materials do that, on any mesh: give such a "
             "body by the volume integrals of a beam, or a Poisson's ratio further from one half",

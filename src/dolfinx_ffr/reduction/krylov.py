@@ -83,16 +83,18 @@ class KrylovSpace:
     @property
     def mass_last(self) -> Block:
         """M times the last block, made anew: those of all would take as much as the basis."""
-        last = self._basis[:, self._last : self.size]
-        return self._factored.elasticity.apply(self._factored.clamped_mass, last)
+        last_block = self._basis[:, self._last : self.size]
+        return self._factored.elasticity.apply(self._factored.clamped_mass, last_block)
 
     def image_of(self, coefficients: Array) -> Block:
         """K^-1 M times combinations of `basis` by coefficients (complete, k), shape (dofs, k)."""
-        found = np.zeros((len(self._basis), coefficients.shape[1]), order="F")
+        total = np.zeros((len(self._basis), coefficients.shape[1]), order="F")
         ends = np.cumsum([block.shape[1] for block in self._images])
-        for block, part in zip(self._images, np.split(-coefficients, ends[:-1]), strict=True):
-            _subtract(found, block, part)
-        return found
+        for block, coefficients_of_block in zip(
+            self._images, np.split(-coefficients, ends[:-1]), strict=True
+        ):
+            _subtract(total, block, coefficients_of_block)
+        return total
 
     @property
     def projected(self) -> Array:
@@ -110,73 +112,73 @@ class KrylovSpace:
 
     def join(self, fields: Block) -> Array:
         """Add ``fields`` (dofs, b) to the last block; their coefficients in it, (its fields, b)."""
-        known = self._factored.elasticity.inner(self.mass_last, fields)
-        return np.vstack([known, self._append(fields.copy(order="F"), 0.0)])
+        along_last = self._factored.elasticity.inner(self.mass_last, fields)
+        return np.vstack([along_last, self._append(fields.copy(order="F"), 0.0)])
 
     def grow(self, image: Block | None = None) -> None:
         """Apply K^-1 M to the last block, and add what is new; the ``image`` may be there."""
-        before, last, size = self._before, self._last, self.size
+        second_to_last, begin, size = self._before, self._last, self.size
         masses = self.mass_last
         image = self._factored.solve(masses) if image is None else image
         self._images.append(image)
         diagonal = self._factored.elasticity.inner(masses, image)
-        self._projected[last:, last:] = symmetric(diagonal)
-        known = self._projected[before:, last:]
-        rest = image.copy(order="F")
-        _subtract(rest, self._basis[:, before:size], known)
-        coupling = self._append(rest, float(np.max(np.linalg.norm(known, axis=0))))
-        self._before, self._last = last, size
-        self._projected[size:, last:size] = coupling
-        self._projected[last:size, size:] = coupling.T
+        self._projected[begin:, begin:] = symmetric(diagonal)
+        recurrence = self._projected[second_to_last:, begin:]
+        remainder = image.copy(order="F")
+        _subtract(remainder, self._basis[:, second_to_last:size], recurrence)
+        coupling = self._append(remainder, float(np.max(np.linalg.norm(recurrence, axis=0))))
+        self._before, self._last = begin, size
+        self._projected[size:, begin:size] = coupling
+        self._projected[begin:size, size:] = coupling.T
 
-    def _append(self, rest: Block, scale: float, floor: float = 0.0) -> Array:
+    def _append(self, remainder: Block, scale: float, floor: float = 0.0) -> Array:
         """Add an M-orthonormal basis of fields as the last block; their coefficients in it.
 
-        The ``rest`` (dofs, b), column by column, of fields of norm ``scale`` is changed.
+        The ``remainder`` (dofs, b), column by column, of fields of norm ``scale`` is changed.
         """
         elasticity, mass = self._factored.elasticity, self._factored.clamped_mass
-        coefficients = [np.zeros((0, rest.shape[1]))]
+        coefficients = [np.zeros((0, remainder.shape[1]))]
         for _ in range(LOOKS):
             # round-off along what is there would grow
             if self._without is not None:
                 fields, masses = self._without
-                _subtract(rest, fields, elasticity.inner(masses, rest))
-            known = self._basis[:, : self.size]
-            along = elasticity.inner(known, elasticity.apply(mass, rest))
-            _subtract(rest, known, along)
-            image = elasticity.apply(mass, rest)
-            gram, shares, directions, clear = self._directions(image, rest, floor)
+                _subtract(remainder, fields, elasticity.inner(masses, remainder))
+            basis = self._basis[:, : self.size]
+            along = elasticity.inner(basis, elasticity.apply(mass, remainder))
+            _subtract(remainder, basis, along)
+            image = elasticity.apply(mass, remainder)
+            gram, shares, directions, clear = self._directions(image, remainder, floor)
             largest = float(np.sqrt(shares[-1]))
             scale = max(scale, largest, float(np.linalg.norm(along)))
             if largest <= max(NOTHING * scale, floor):
                 break
             factors = directions[:, clear] / np.sqrt(shares[clear])
             coefficients.append(factors.T @ gram)
-            new = self._store(rest, factors)
+            new = self._store(remainder, factors)
             if np.all(clear):
                 break
-            _subtract(rest, new, coefficients[-1])
+            _subtract(remainder, new, coefficients[-1])
         return np.vstack(coefficients)
 
-    def _directions(self, image: Block, rest: Block, floor: float) -> tuple[NDArray[Any], ...]:
+    def _directions(self, image: Block, remainder: Block, floor: float) -> tuple[NDArray[Any], ...]:
         """Products of fields by mass, their eigenvalues and -vectors, and which are taken."""
         elasticity = self._factored.elasticity
-        gram = symmetric(elasticity.inner(rest, image))
+        gram = symmetric(elasticity.inner(remainder, image))
         # all ranks must take the same directions
         shares, directions = elasticity.decided(np.linalg.eigh(gram))
         shares = np.maximum(shares, 0.0)
         return gram, shares, directions, shares > max(CLEAR**2 * shares[-1], floor**2)
 
-    def _store(self, rest: Block, factors: Array) -> Block:
+    def _store(self, remainder: Block, factors: Array) -> Block:
         """Add combinations of fields; the combinations."""
-        first, size = self.size, self.size + factors.shape[1]
+        begin, size = self.size, self.size + factors.shape[1]
         if size > self._basis.shape[1]:
-            self._basis = _longer(self._basis, first, 2 * size)
-        np.matmul(factors.T, rest.T, out=self._basis[:, first:size].T)
+            self._basis = _longer(self._basis, begin, 2 * size)
+        np.matmul(factors.T, remainder.T, out=self._basis[:, begin:size].T)
         projected, self._projected = self._projected, np.zeros((size, size))
-        self._projected[:first, :first] = projected
+        self._projected[:begin, :begin] = projected
         self.size = size
-        return self._basis[:, first:size]
+        return self._basis[:, begin:size]
 
 
 def _longer(fields: Block, count: int, room: int) -> Block:

@@ -39,15 +39,15 @@ def lobpcg(
     starts: Block,
     number: int,
     *,
-    known: tuple[Block, Block] | None,
+    deflated: tuple[Block, Block] | None,
     tolerance: float,
 ) -> tuple[Array, Block] | None:
     """At least ``number`` lowest eigenpairs, (k,) and (dofs, k), or None without convergence.
 
-    ``products`` are those by K and M, ``inverse`` is positive definite and approximates that of K;
-    ``starts`` has as many columns as are iterated. The pairs are M-orthogonal to ``known`` fields,
-    given with M times them. The residual of each in the norm of ``inverse`` is at most
-    ``tolerance`` times the norm of the field in K.
+    ``products`` multiply by K and by M; ``inverse`` is positive definite and approximates that of
+    K; as many columns as ``starts`` has are iterated. The pairs are M-orthogonal to the
+    ``deflated`` fields, which are given with M times them. The residual of each in the norm of
+    ``inverse`` is at most ``tolerance`` times the norm of the field in K.
     """
     stiff, massive = products
     inner, comm, width = elasticity.inner, elasticity.comm, starts.shape[1]
@@ -57,12 +57,12 @@ def lobpcg(
     active, values = np.arange(width), np.zeros(0)
     directions = starts
     for _ in range(MAX_ITERATIONS):
-        directions = _apart(elasticity, directions, known)
+        directions = _apart(elasticity, directions, deflated)
         directions = _apart(elasticity, directions, (bases[0][:, :size], bases[2][:, :size]))
         image = massive(directions)
         shares, vectors = comm.bcast(np.linalg.eigh(inner(directions, image)))
-        kept = shares > NOTHING * shares[-1]
-        factors = vectors[:, kept] / np.sqrt(shares[kept])
+        independent = shares > NOTHING * shares[-1]
+        factors = vectors[:, independent] / np.sqrt(shares[independent])
         end = size + factors.shape[1]
         bases[0][:, size:end] = directions @ factors
         bases[2][:, size:end] = image @ factors
@@ -70,39 +70,39 @@ def lobpcg(
         grams = [inner(bases[0][:, :end], b[:, :end]) for b in bases[1:]]
         gram, metric = (0.5 * (g + g.T) for g in grams)
         # all ranks must take the same
-        every, vectors = comm.bcast(scipy.linalg.eigh(gram, metric))
-        width = min(width, len(every))  # of starts that depend on each other
-        values, chosen = every[:width], vectors[:, :width]
+        ritz_values, vectors = comm.bcast(scipy.linalg.eigh(gram, metric))
+        width = min(width, len(ritz_values))  # of starts that depend on each other
+        values, chosen = ritz_values[:width], vectors[:, :width]
         # changes of the active fields, orthogonal to all fields
         changes = chosen[:, active[active < width]]
         changes[: min(width, size)] = 0.0
         for _ in range(2):
             changes -= chosen @ (chosen.T @ (metric @ changes))
         shares, vectors = comm.bcast(np.linalg.eigh(changes.T @ metric @ changes))
-        kept = shares > NOTHING * max(shares[-1], NOTHING)
-        changes = changes @ (vectors[:, kept] / np.sqrt(shares[kept]))
+        independent = shares > NOTHING * max(shares[-1], NOTHING)
+        changes = changes @ (vectors[:, independent] / np.sqrt(shares[independent]))
         combined = np.hstack([chosen, changes if size else changes[:, :0]])
         size = combined.shape[1]
         for basis in bases:  # where they are: copies would take as much memory again
-            for first in range(0, len(basis), ROWS):
-                rows = slice(first, first + ROWS)
+            for begin in range(0, len(basis), ROWS):
+                rows = slice(begin, begin + ROWS)
                 basis[rows, :size] = basis[rows, :end] @ combined
         residual = bases[1][:, :width] - values * bases[2][:, :width]
         directions = inverse(residual)
         squares = elasticity.sum(np.einsum("ij,ij->j", residual, directions))
         open_ = ~(squares <= tolerance**2 * values)  # NaN too
         if not np.any(open_[:number]):
-            found = int(np.argmax(open_)) if np.any(open_) else width
-            return values[:found], bases[0][:, :found].copy(order="F")
+            n_converged = int(np.argmax(open_)) if np.any(open_) else width
+            return values[:n_converged], bases[0][:, :n_converged].copy(order="F")
         active = np.flatnonzero(open_)
         directions = directions[:, active]
     return None
 
 
-def _apart(elasticity: Elasticity, block: Block, known: tuple[Block, Block] | None) -> Block:
+def _apart(elasticity: Elasticity, block: Block, deflated: tuple[Block, Block] | None) -> Block:
     """The part of fields M-orthogonal to M-orthonormal ones, given with M times them."""
-    if known is None or known[0].shape[1] == 0:
+    if deflated is None or deflated[0].shape[1] == 0:
         return block
     for _ in range(2):  # what remains of the first time is round-off
-        block = block - known[0] @ elasticity.inner(known[1], block)
+        block = block - deflated[0] @ elasticity.inner(deflated[1], block)
     return block

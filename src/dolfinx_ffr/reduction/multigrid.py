@@ -64,30 +64,30 @@ class MultigridSolver(LinearSolver):
         result = np.array(block, dtype=np.float64)  # one on the diagonal of clamped rows
         if block.shape[1] == 0:
             return result
-        found, iterations = self._conjugate_gradients(
+        solution, iterations = self._conjugate_gradients(
             lambda fields, _: _product(self._stiffness, fields), self._cycle, result[self._free]
         )
-        if found is None:
+        if solution is None:
             self._fall_back(f"conjugate gradients did not converge in {iterations} iterations")
             return self.solve(block)
-        result[self._free] = found
+        result[self._free] = solution
         return result
 
     def _fall_back(self, why: str) -> None:
         """Go on with a factor in the place of cycles; RuntimeError where that is no way out."""
-        what = (
+        stall = (
             f"reduction: multigrid stalls ({why}): the body is too ill-conditioned for it, as very "
             "slender elements and void of next to no stiffness are"
         )
         remedy = "take a void with more stiffness, or elements whose edges are more alike"
         if self._direct is not None:
-            raise RuntimeError(f"{what}, and so is it for a factor; {remedy}")
+            raise RuntimeError(f"{stall}, and so is it for a factor; {remedy}")
         assert self._stiffness is not None
         try:
             check_memory(self._elasticity, self._stiffness, remedy)
         except ValueError as error:
-            raise RuntimeError(f"{what}. A factor does not fit: {error}") from error
-        warnings.warn(f'{what}; it goes on with a factor, as solver="direct" does', stacklevel=2)
+            raise RuntimeError(f"{stall}. A factor does not fit: {error}") from error
+        warnings.warn(f'{stall}; it goes on with a factor, as solver="direct" does', stacklevel=2)
         self._direct = SharedFactor(self._elasticity, factor_package(self._elasticity.comm))
         self._direct.factor(self._stiffness)
 
@@ -121,8 +121,8 @@ class MultigridSolver(LinearSolver):
             solution[:, going] += step * direction
             residual -= step * image
             cycled = preconditioned(residual)
-            before, size = size, products(residual, cycled)
-            direction *= size / before
+            previous_size, size = size, products(residual, cycled)
+            direction *= size / previous_size
             direction += cycled
         return None, MAX_ITERATIONS
 
@@ -147,10 +147,10 @@ class MultigridSolver(LinearSolver):
             return image
 
         def preconditioned(block: Block) -> Block:
-            found = np.zeros_like(block)
-            found[self._free] = self._cycle(block[self._free])
-            found -= fields @ elasticity.inner(images, found)
-            return found
+            cycled = np.zeros_like(block)
+            cycled[self._free] = self._cycle(block[self._free])
+            cycled -= fields @ elasticity.inner(images, cycled)
+            return cycled
 
         solution, iterations = self._conjugate_gradients(image_of, preconditioned, loads)
         if solution is None and self._direct is None:
@@ -174,12 +174,12 @@ class MultigridSolver(LinearSolver):
         if k < 0:  # the coarsest system, which is small
             return self._systems.solve(block)
         level = self._levels[k]
-        found, residual = level.smooth(None, block)
+        solution, residual = level.smooth(None, block)
         coarse = _product(level.interpolation, residual, transposed=True)
         correction = _product(level.interpolation, self._cycle_from(k - 1, coarse))
-        found += correction
+        solution += correction
         residual -= _product(level.matrix, correction)
-        return level.smooth(found, residual, last=True)[0]
+        return level.smooth(solution, residual, last=True)[0]
 
     def modes(
         self, mass: PETSc.Mat, number: int, starts: Block, known: Block | None
@@ -191,24 +191,24 @@ class MultigridSolver(LinearSolver):
         deflated = None
         if known is not None:
             deflated = known[self._free], products[1](known[self._free])
-        found = lobpcg(
+        pairs = lobpcg(
             self._elasticity,
             products,
             self._cycle,
             starts[self._free],
             number,
-            known=deflated,
+            deflated=deflated,
             tolerance=self._tolerance,
         )
-        if found is None and self._direct is None:
+        if pairs is None and self._direct is None:
             self._fall_back(f"{number} normal modes did not converge")
             return self.modes(mass, number, starts, known)
-        if found is None:
+        if pairs is None:
             raise RuntimeError(
                 f"reduction: {number} normal modes did not converge; the mesh may be too coarse "
                 "for so many modes, or the design may have fallen apart"
             )
-        eigenvalues, free_fields = found
+        eigenvalues, free_fields = pairs
         fields = np.zeros((len(starts), len(eigenvalues)))
         fields[self._free] = free_fields
         return eigenvalues, fields
@@ -241,18 +241,18 @@ class _Level:
         self._largest = MARGIN * float(np.max(largest))
 
     def smooth(
-        self, found: Block | None, residual: Block, *, last: bool = False
+        self, solution: Block | None, residual: Block, *, last: bool = False
     ) -> tuple[Block, Block]:
-        """Better solutions than ``found`` (None: zero), and their residuals unless ``last``."""
+        """Better solutions than ``solution`` (None: zero), and their residuals unless ``last``."""
         change = np.zeros_like(residual)
-        found = np.zeros_like(residual) if found is None else found.copy(order="F")
+        solution = np.zeros_like(residual) if solution is None else solution.copy(order="F")
         for k in range(1, DEGREE + 1):
             change *= (2 * k - 3) / (2 * k + 1)
             change += (8 * k - 4) / (2 * k + 1) / self._largest * self._scale * residual
-            found += change
+            solution += change
             if k < DEGREE or not last:
                 residual = residual - _product(self.matrix, change)
-        return found, residual
+        return solution, residual
 
 
 def _product(matrix: PETSc.Mat, block: Block, *, transposed: bool = False) -> Block:
@@ -266,7 +266,7 @@ def _product(matrix: PETSc.Mat, block: Block, *, transposed: bool = False) -> Bl
 
 def _product_by_columns(matrix: PETSc.Mat, block: Block, *, transposed: bool) -> Block:
     """The same by one vector after the other."""
-    right, left = matrix.createVecs()
+    right, image = matrix.createVecs()
     if transposed:
-        return by_columns(matrix.multTranspose, left, right, block)
-    return by_columns(matrix.mult, right, left, block)
+        return by_columns(matrix.multTranspose, image, right, block)
+    return by_columns(matrix.mult, right, image, block)

@@ -37,41 +37,43 @@ def interpolations(elasticity: Elasticity, clamped: Mask) -> list[PETSc.Mat] | N
     comm = elasticity.comm
     places = _places(elasticity.coordinates(), planes)
     free = ~clamped[:: elasticity.dimension]
-    found: list[PETSc.Mat] = []
+    matrices: list[PETSc.Mat] = []
     while True:
         # elements that are longer along an axis couple less there: first the others get as long
         pitches = np.array([np.ptp(p) / (len(p) - 1) for p in planes])
         halved = pitches <= ALIKE * pitches.min()
         if any(len(p) < LEAST for p, h in zip(planes, halved, strict=True) if h):
-            return found
-        kept = [
+            return matrices
+        coarse_planes = [
             _halved(len(p)) if h else np.arange(len(p)) for p, h in zip(planes, halved, strict=True)
         ]
-        shape = tuple(map(len, kept))
+        shape = tuple(map(len, coarse_planes))
         # of each plane of the finer lattice, that of the coarse one, or -1
         numbers = [np.full(len(p), -1) for p in planes]
-        for number, k in zip(numbers, kept, strict=True):
+        for number, k in zip(numbers, coarse_planes, strict=True):
             number[k] = np.arange(len(k))
         coarse = np.column_stack([n[p] for n, p in zip(numbers, places.T, strict=True)])
         coarse = coarse[free & np.all(coarse >= 0, axis=1)]
         # where each node of the coarse lattice stands among the rows; -1 where it is clamped
         rows = np.full(math.prod(shape), -1, dtype=np.int64)
-        parts = comm.allgather(np.ravel_multi_index(tuple(coarse.T), shape))
-        order = np.concatenate(parts)
+        of_ranks = comm.allgather(np.ravel_multi_index(tuple(coarse.T), shape))
+        order = np.concatenate(of_ranks)
         rows[order] = np.arange(len(order))
-        found.append(_interpolation(elasticity, (planes, kept), places, free, rows, len(coarse)))
-        places, planes = coarse, [p[k] for p, k in zip(planes, kept, strict=True)]
+        matrices.append(
+            _interpolation(elasticity, (planes, coarse_planes), places, free, rows, len(coarse))
+        )
+        places, planes = coarse, [p[k] for p, k in zip(planes, coarse_planes, strict=True)]
         free = np.ones(len(places), dtype=bool)
 
 
 def _planes(elasticity: Elasticity) -> list[Array] | None:
     """The coordinates of the planes of nodes along each axis, or None if there is no lattice."""
     comm, coordinates = elasticity.comm, elasticity.coordinates()
-    own = [_distinct(x) for x in coordinates.T]
+    of_rank = [_distinct(x) for x in coordinates.T]
     nodes = elasticity.n_dofs_global // elasticity.dimension
-    if comm.allreduce(int(math.prod(map(len, own)) > nodes)):
+    if comm.allreduce(int(math.prod(map(len, of_rank)) > nodes)):
         return None
-    planes = [_distinct(np.concatenate(comm.allgather(x))) for x in own]
+    planes = [_distinct(np.concatenate(comm.allgather(x))) for x in of_rank]
     return planes if math.prod(map(len, planes)) == nodes else None
 
 
@@ -100,34 +102,37 @@ def _interpolation(
     places: Integers,
     free: Mask,
     rows: Integers,
-    own: int,
+    n_coarse: int,
 ) -> PETSc.Mat:
     """Displacements at ``places`` of a lattice from those at the rows of the coarser one.
 
-    By the planes of the ``lattice`` and which of them are kept; ``own`` coarse nodes are here.
+    By the planes of the ``lattice`` and which of them are kept; ``n_coarse`` coarse nodes are here.
     """
-    d, (planes, kept) = elasticity.dimension, lattice
-    shape = tuple(map(len, kept))
+    d, (planes, coarse_planes) = elasticity.dimension, lattice
+    shape = tuple(map(len, coarse_planes))
     numbers, weights = np.zeros((len(places), 1), dtype=np.int64), np.ones((len(places), 1))
-    for axis, (x, k) in enumerate(zip(planes, kept, strict=True)):
+    for axis, (x, k) in enumerate(zip(planes, coarse_planes, strict=True)):
         place = places[:, axis]
         right = np.clip(np.searchsorted(k, place), 1, len(k) - 1)
         low, high = x[k[right - 1]], x[k[right]]
         share = (x[place] - low) / (high - low)
-        both, shares = np.stack([right - 1, right], axis=1), np.stack([1.0 - share, share], axis=1)
-        numbers = (numbers[:, :, None] * shape[axis] + both[:, None]).reshape(len(places), -1)
+        neighbours, shares = (
+            np.stack([right - 1, right], axis=1),
+            np.stack([1.0 - share, share], axis=1),
+        )
+        numbers = (numbers[:, :, None] * shape[axis] + neighbours[:, None]).reshape(len(places), -1)
         weights = (weights[:, :, None] * shares[:, None]).reshape(len(places), -1)
     columns = rows[numbers]
-    there = free[:, None] & (columns >= 0) & (weights > 0.0)
+    used = free[:, None] & (columns >= 0) & (weights > 0.0)
     # each node's row stands d times in turn, one time for each displacement
-    ends = np.cumsum(np.repeat(np.count_nonzero(there, axis=1), d))
-    columns = (d * columns[:, None] + np.arange(d)[:, None])[np.repeat(there[:, None], d, axis=1)]
+    ends = np.cumsum(np.repeat(np.count_nonzero(used, axis=1), d))
+    columns = (d * columns[:, None] + np.arange(d)[:, None])[np.repeat(used[:, None], d, axis=1)]
     matrix = PETSc.Mat().createAIJ(
-        ((d * len(places), PETSc.DETERMINE), (d * own, PETSc.DETERMINE)),
+        ((d * len(places), PETSc.DETERMINE), (d * n_coarse, PETSc.DETERMINE)),
         csr=(
             np.concatenate([[0], ends]).astype(PETSc.IntType),
             columns.astype(PETSc.IntType),
-            np.repeat(weights[:, None], d, axis=1)[np.repeat(there[:, None], d, axis=1)],
+            np.repeat(weights[:, None], d, axis=1)[np.repeat(used[:, None], d, axis=1)],
         ),
         comm=elasticity.comm,
     )

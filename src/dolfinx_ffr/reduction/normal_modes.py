@@ -83,7 +83,7 @@ class EigenSolver:
             return certified
         eigenvalues, fields = self._search(factored, self._smooth, number + 1)
         while True:
-            last, end = cluster(eigenvalues, number)
+            begin, end = cluster(eigenvalues, number)
             if end == self.freedoms:
                 break
             missing, below = len(eigenvalues), np.inf
@@ -94,31 +94,31 @@ class EigenSolver:
                 break
             # A few at a time: each further copy of the low ones brings the last one asked for, and
             # with it the missing ones, further down.
-            wanted = min(missing, max(4, number // 4), self.freedoms - len(eigenvalues))
+            count = min(missing, max(4, number // 4), self.freedoms - len(eigenvalues))
             start = self._scattered(len(eigenvalues))
-            found, others = self._search(factored, start, wanted, fields)
-            if not np.any(found < below):
+            further, further_fields = self._search(factored, start, count, fields)
+            if not np.any(further < below):
                 raise RuntimeError(
                     f"reduction: {end} normal modes were found below "
                     f"{np.sqrt(below) / (2.0 * np.pi):.6g} Hz, and {end + missing} were counted: "
                     "the body is too ill-conditioned to tell; a void with more stiffness, or "
                     "another number of modes, may help"
                 )
-            eigenvalues, fields = self._ritz(factored, np.hstack([fields, others]))
+            eigenvalues, fields = self._ritz(factored, np.hstack([fields, further_fields]))
         masses = self.elasticity.apply(factored.clamped_mass, fields)
-        return eigenvalues, fields, masses, (last, end), factored.solve(loads)
+        return eigenvalues, fields, masses, (begin, end), factored.solve(loads)
 
     def _in_krylov_space(self, factored: FactoredBody, number: int, loads: Block) -> Found | None:
         """The modes of `lowest`, certified, or None if that takes too many vectors."""
         # K^-1 M V y, unlike V y, is free of fields that the mass does not see, in void
         space = KrylovSpace(factored, self._block)
         certificate: Certificate | None = None
-        known = [space.mass_last, noise(factored, self._clamped, 0), loads]
-        ends = np.cumsum([block.shape[1] for block in known])
+        right_sides = [space.mass_last, noise(factored, self._clamped, 0), loads]
+        ends = np.cumsum([block.shape[1] for block in right_sides])
         image: Block | None
-        image, noisy, static = np.split(factored.solve(np.hstack(known)), ends[:2], axis=1)
-        rounds = looked = found = 0
-        while space.size <= MOST + MOST_EACH * max(number, found):
+        image, noisy, static = np.split(factored.solve(np.hstack(right_sides)), ends[:2], axis=1)
+        rounds = looked = n_accurate = 0
+        while space.size <= MOST + MOST_EACH * max(number, n_accurate):
             if not space.invariant:
                 space.grow(image)
                 image = None
@@ -130,45 +130,45 @@ class EigenSolver:
             inverses, vectors = inverses[::-1].copy(), vectors[:, ::-1].copy()
             accurate = self.tolerance if certificate else max(self.tolerance, NEARLY)
             open_ = space.residual_norms(vectors) > accurate * np.abs(inverses)
-            found = int(np.argmax(open_)) if np.any(open_) else len(open_)
-            eigenvalues = 1.0 / inverses[:found]
-            end = cluster(eigenvalues, number)[1] if found > number else found
+            n_accurate = int(np.argmax(open_)) if np.any(open_) else len(open_)
+            eigenvalues = 1.0 / inverses[:n_accurate]
+            end = cluster(eigenvalues, number)[1] if n_accurate > number else n_accurate
             holds = None if certificate else False
-            if certificate and end < found:
+            if certificate and end < n_accurate:
                 limit = 1.0 / below_following(eigenvalues, end)
                 holds = self.elasticity.decided(certificate.holds(limit, end))
             if holds or end == self.freedoms:
-                fields = space.image_of(vectors[:, :found])
-                del space, certificate, image, noisy, known  # larger than what is found
+                fields = space.image_of(vectors[:, :n_accurate])
+                del space, certificate, image, noisy, right_sides  # larger than what is found
                 fields, masses = self._normalized(factored, fields)
                 return eigenvalues, fields, masses, cluster(eigenvalues, number), static
-            if space.invariant or (end < found and holds is False):
+            if space.invariant or (end < n_accurate and holds is False):
                 if rounds:
                     noisy = factored.solve(noise(factored, self._clamped, rounds))
                 certificate = Certificate(space, noisy)
                 rounds += 1
-                if space.invariant and end == found:
+                if space.invariant and end == n_accurate:
                     return None  # there is nothing else
         return None
 
     def _search(
-        self, factored: FactoredBody, start: Block, number: int, known: Block | None = None
+        self, factored: FactoredBody, start: Block, number: int, deflated: Block | None = None
     ) -> tuple[Array, Block]:
         """At least ``number`` lowest eigenpairs in the complement of known modes, by SLEPc."""
         if number < 1:
             return np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
         mass, solver = factored.clamped_mass, factored.clamped.solver
         if isinstance(solver, MultigridSolver):
-            have = 0 if known is None else known.shape[1]
+            have = 0 if deflated is None else deflated.shape[1]
             width = min(number + GUARDS, self.freedoms - have)
             starts = np.hstack([self._scattered(have + k) for k in range(width)])
-            return solver.modes(mass, number, starts, known)
+            return solver.modes(mass, number, starts, deflated)
         eigenvalues, fields = lowest_eigenpairs(
             factored.clamped_stiffness,
             mass,
             number,
             starts=start,
-            known=known,
+            known=deflated,
             inverse=factored.solve,
             tolerance=self.tolerance,
         )
@@ -209,8 +209,8 @@ class EigenSolver:
 
 def cluster(eigenvalues: Array, number: int) -> tuple[int, int]:
     """The numbers of modes before the cluster of mode ``number``, and up to its end."""
-    apart = np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:]
-    ends = np.array([0, *(np.flatnonzero(apart) + 1), len(eigenvalues)])
+    is_gap = np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:]
+    ends = np.array([0, *(np.flatnonzero(is_gap) + 1), len(eigenvalues)])
     return int(ends[ends < number][-1]), int(ends[ends >= number][0])
 
 
@@ -224,9 +224,9 @@ def _smooth_field(position: Array) -> Array:
     """A field without symmetries at positions (nodes, dimension), of the same shape."""
     x, y, z = np.pad(position, ((0, 0), (0, 3 - position.shape[1]))).T
     tilt = 13.7 * z
-    parts = [
+    components = [
         np.sin(7.3 * x + 0.4) + np.cos(23.1 * x + 17.9 * y + tilt + 1.1),
         np.cos(5.1 * x + 0.7) + np.sin(19.7 * x - 29.3 * y - tilt + 0.3),
         np.sin(6.1 * x + 0.9) + np.cos(21.3 * x + 11.1 * y + 2.0 * tilt + 0.6),
     ]
-    return np.column_stack(parts[: position.shape[1]])
+    return np.column_stack(components[: position.shape[1]])

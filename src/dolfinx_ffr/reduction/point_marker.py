@@ -43,13 +43,13 @@ class PointMarker:
         """The marker at a point (dimension,) [m] of the mesh; ValueError outside."""
         d = domain.dimension
         expected = "two components" if d == 2 else "three components"
-        what = f"marker {name!r}: position"
-        point = np.array(validation.real_array(what, position, (d,), expected=expected))
+        argument = f"marker {name!r}: position"
+        point = np.array(validation.real_array(argument, position, (d,), expected=expected))
         index_map = domain.space.dofmap.index_map
         n_owned, n_local = index_map.size_local, index_map.size_local + index_map.num_ghosts
         dofs = _compat.dofmap_array(domain.space)
-        found = _cells_at(domain, point)
-        count = domain.comm.allreduce(len(found))
+        cells = _cells_at(domain, point)
+        count = domain.comm.allreduce(len(cells))
         if count == 0:
             low, high = domain.bounding_box
             raise ShapeError(
@@ -57,7 +57,7 @@ class PointMarker:
                 f"{tuple(np.round(low, 6))} to {tuple(np.round(high, 6))} m"
             )
         local = np.zeros((3 * d - 3, d * n_local))
-        for cell, reference in found:
+        for cell, reference in cells:
             values, gradients, _ = _shape_functions(domain, cell, reference)
             first_dofs = d * dofs[cell]
             for i in range(d):
@@ -69,13 +69,15 @@ class PointMarker:
         columns = np.arange(n_local, dtype=np.int32)
         global_nodes = np.asarray(index_map.local_to_global(columns))
         ghost = local[:, d * n_owned :].reshape(len(local), -1, d)
-        first = int(index_map.local_range[0])
-        own = local[:, : d * n_owned].reshape(len(local), -1, d)
+        first_node = int(index_map.local_range[0])
+        on_owned = local[:, : d * n_owned].reshape(len(local), -1, d)
         for nodes, weights in domain.comm.allgather((global_nodes[n_owned:], ghost)):
-            mine = (nodes >= first) & (nodes < first + n_owned)
-            own[:, nodes[mine] - first] += weights[:, mine]  # a rank sends each of its ghosts once
-        rows = csr_matrix(own.reshape(len(local), -1))
-        return PointMarker(point, rows, domain.comm, tuple(found), count)
+            mine = (nodes >= first_node) & (nodes < first_node + n_owned)
+            on_owned[:, nodes[mine] - first_node] += weights[
+                :, mine
+            ]  # a rank sends each of its ghosts once
+        rows = csr_matrix(on_owned.reshape(len(local), -1))
+        return PointMarker(point, rows, domain.comm, tuple(cells), count)
 
     def motion(self, block: Block) -> tuple[Array, Array]:
         """Displacement (2, columns) and rotation (columns,) of a block, in space (3, columns)."""
@@ -110,11 +112,13 @@ def _cells_at(domain: Domain, point: Array) -> list[tuple[int, Array]]:
     x = domain.mesh.geometry.x[nodes][:, :, : domain.dimension]
     low, high = x.min(axis=1), x.max(axis=1)
     room = 0.1 * (high - low).max(axis=1, keepdims=True)
-    near = np.flatnonzero(np.all((point >= low - room) & (point <= high + room), axis=1))
+    nearby = np.flatnonzero(np.all((point >= low - room) & (point <= high + room), axis=1))
     pull_back = _compat.coordinate_element(domain.mesh).pull_back
     largest = np.sum if domain.cell in ("triangle", "tetrahedron") else np.max
-    found = [(int(c), pull_back(point[None, :], np.ascontiguousarray(x[c]))[0]) for c in near]
-    return [(c, X) for c, X in found if X.min() >= -SLACK and largest(X) <= 1.0 + SLACK]
+    candidates = [
+        (int(c), pull_back(point[None, :], np.ascontiguousarray(x[c]))[0]) for c in nearby
+    ]
+    return [(c, X) for c, X in candidates if X.min() >= -SLACK and largest(X) <= 1.0 + SLACK]
 
 
 def _shape_functions(

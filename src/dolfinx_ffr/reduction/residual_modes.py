@@ -69,25 +69,25 @@ def _residual_modes(body: FlexibleBody, reduced: ReducedBody, terms: int) -> tup
     loads = np.hstack([loads, *(marker.rows.T.toarray() for marker in body.markers.values())])
     loads[reduction.clamped] = 0.0
 
-    parts: list[Block] = []
+    terms_of_series: list[Block] = []
     for _ in range(terms):
-        whole = factored.solve(loads)
-        found = residual(residual(whole))
-        energy = np.diag(inner(found, elasticity.apply(stiffness, found)))
-        matters = energy > NOTHING * np.abs(np.diag(inner(whole, loads)))
-        parts.append(found[:, matters] / np.sqrt(energy[matters]))
-        loads = elasticity.apply(mass, parts[-1])
+        static = factored.solve(loads)
+        residuals = residual(residual(static))
+        energy = np.diag(inner(residuals, elasticity.apply(stiffness, residuals)))
+        matters = energy > NOTHING * np.abs(np.diag(inner(static, loads)))
+        terms_of_series.append(residuals[:, matters] / np.sqrt(energy[matters]))
+        loads = elasticity.apply(mass, terms_of_series[-1])
         loads[reduction.clamped] = 0.0
-    found = np.hstack(parts)
-    if found.shape[1] == 0:
-        return found, np.zeros(0)
+    residuals = np.hstack(terms_of_series)
+    if residuals.shape[1] == 0:
+        return residuals, np.zeros(0)
     # bases of repeated eigenvalues are arbitrary: all ranks must take the same
-    pairs = np.linalg.eigh(projected(elasticity, stiffness, found))
+    pairs = np.linalg.eigh(projected(elasticity, stiffness, residuals))
     shares, vectors = elasticity.comm.bcast(pairs)
-    apart = shares > DEPENDENT * shares[-1]
-    found = residual(found @ (vectors[:, apart] / np.sqrt(shares[apart])))
+    independent = shares > DEPENDENT * shares[-1]
+    residuals = residual(residuals @ (vectors[:, independent] / np.sqrt(shares[independent])))
     # the largest 1 / lambda first
-    pairs = scipy.linalg.eigh(*(projected(elasticity, m, found) for m in (mass, stiffness)))
+    pairs = scipy.linalg.eigh(*(projected(elasticity, m, residuals) for m in (mass, stiffness)))
     flexible, vectors = elasticity.comm.bcast(pairs)
     flexible, vectors = flexible[::-1], vectors[:, ::-1]
-    return found @ (vectors / np.sqrt(flexible)), 1.0 / flexible
+    return residuals @ (vectors / np.sqrt(flexible)), 1.0 / flexible

@@ -31,13 +31,13 @@ def static_correction(
     reduction: CraigBampton, factored: FactoredBody, basis: ReducedBasis
 ) -> Block:
     """The displacements C, shape (dofs, 4 + k + r), in space (dofs, 12 + k + 3 r)."""
-    found = _inertia_fields(reduction, basis)
-    for first in range(0, found.shape[1], _COLUMNS):  # all of them at once take gigabytes
-        part = np.s_[:, first : first + _COLUMNS]
-        loads = _loads(reduction, factored, found[part])
+    fields = _inertia_fields(reduction, basis)
+    for begin in range(0, fields.shape[1], _COLUMNS):  # all of them at once take gigabytes
+        columns = np.s_[:, begin : begin + _COLUMNS]
+        loads = _loads(reduction, factored, fields[columns])
         static, modal = _static(reduction, factored, basis, loads)
-        found[part] = static - basis.normal @ modal
-    return found
+        fields[columns] = static - basis.normal @ modal
+    return fields
 
 
 def static_correction_pullback(
@@ -53,15 +53,15 @@ def static_correction_pullback(
     adjoint, modal_bar = _static(reduction, factored, basis, inner)
     partners = adjoint - basis.normal @ modal_bar  # of the loads
     fields_bar = -elasticity.apply(factored.matrices.mass, partners)
-    first = 4 if elasticity.dimension == 2 else 12
-    shapes = -_turned(reduction, fields_bar[:, first + k :], transposed=True)
-    shapes[:, :k] += fields_bar[:, first : first + k]
+    n_rigid = 4 if elasticity.dimension == 2 else 12
+    shapes = -_turned(reduction, fields_bar[:, n_rigid + k :], transposed=True)
+    shapes[:, :k] += fields_bar[:, n_rigid : n_rigid + k]
     shapes[:, k:] -= inner @ modal.T + loads @ modal_bar.T
     K = np.zeros((r, r))
     K[k:, k:] = symmetric(modal_bar @ modal.T)
-    reference = reduction.reference_pullback(fields_bar[:, elasticity.dimension : first])
-    through = ShapesBar(shapes, K, (fields, -partners, static, -adjoint), reference)
-    return through, static - basis.normal @ modal
+    reference = reduction.reference_pullback(fields_bar[:, elasticity.dimension : n_rigid])
+    shapes_and_pairs = ShapesBar(shapes, K, (fields, -partners, static, -adjoint), reference)
+    return shapes_and_pairs, static - basis.normal @ modal
 
 
 def _inertia_fields(reduction: CraigBampton, basis: ReducedBasis) -> Block:
@@ -75,10 +75,10 @@ def _turned(reduction: CraigBampton, block: Block, *, transposed: bool = False) 
     if reduction.elasticity.dimension == 2:
         return rotated(block)
     axes, count = np.eye(3), block.shape[1] // 3 if transposed else block.shape[1]
-    parts = np.split(block, 3, axis=1) if transposed else [block] * 3
+    by_axis = np.split(block, 3, axis=1) if transposed else [block] * 3
     turned = [
-        np.cross(axis[None, :, None], part.reshape(-1, 3, count), axis=1).reshape(-1, count)
-        for axis, part in zip(axes, parts, strict=True)
+        np.cross(axis[None, :, None], of_axis.reshape(-1, 3, count), axis=1).reshape(-1, count)
+        for axis, of_axis in zip(axes, by_axis, strict=True)
     ]
     return np.asarray(sum(turned)) if transposed else np.hstack(turned)
 

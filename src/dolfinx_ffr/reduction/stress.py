@@ -49,9 +49,11 @@ class BodyStress:
         """From each point to the nearest node of an interface, (cells, points) [m]."""
         domain, points = self.body.domain, self.points
         nodes = domain.space.tabulate_dof_coordinates()[:, : domain.dimension]
-        own = np.unique(np.concatenate([each.dofs for each in domain.interfaces.values()]))
-        found = cKDTree(np.vstack(self.gathered(nodes[own])))
-        distance, _ = found.query(points.reshape(-1, domain.dimension))
+        interface_dofs = np.unique(
+            np.concatenate([interface.dofs for interface in domain.interfaces.values()])
+        )
+        tree = cKDTree(np.vstack(self.gathered(nodes[interface_dofs])))
+        distance, _ = tree.query(points.reshape(-1, domain.dimension))
         return np.asarray(distance.reshape(points.shape[:2]))
 
     def modes(self, correction: bool) -> Array:
@@ -80,5 +82,5 @@ class BodyStress:
 
     def gathered(self, value: Kept) -> list[Kept]:
         """The values of all ranks, alike on every one of them."""
-        found: list[Any] = gathered(self.body.domain.comm, "the stresses of a body", value)
-        return found
+        values: list[Any] = gathered(self.body.domain.comm, "the stresses of a body", value)
+        return values

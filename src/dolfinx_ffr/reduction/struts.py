@@ -83,38 +83,38 @@ class Struts:
         fields = *self._pairs, self._normal, nodes
         w, y, phi, kappa, normal, x = _at_nodes(self._elasticity, points, fields)
         i, j = ends.T
-        way = x[j, :, 0] - x[i, :, 0]
-        length = np.linalg.norm(way, axis=1)
-        along = way / length[:, None]
+        offset = x[j, :, 0] - x[i, :, 0]
+        length = np.linalg.norm(offset, axis=1)
+        along = offset / length[:, None]
         stress = np.column_stack([along**2, along[:, :1] * along[:, 1:]])
         by_area, compliance = _solid(self._elasticity, self._matrices)
         stiffness = width / length / np.einsum("si,ij,sj->s", stress, compliance, stress)
-        stretch, against, own = (
+        stretch, against, modal_stretch = (
             np.einsum("sd,sdk->sk", along, f[j] - f[i]) for f in (phi, kappa, normal)
         )
         strains = np.einsum("sk,sk->s", stretch, against)
         moved = np.zeros(len(ends))
         for weight, a, b in ((2.0, i, i), (1.0, i, j), (1.0, j, i), (2.0, j, j)):
             moved += weight / 6.0 * np.einsum("sdk,sdk->s", w[a], y[b])
-        held = 1.0 + stiffness * np.sum(own**2, axis=1)
-        return np.asarray(stiffness / held * strains + width * by_area * length * moved)
+        resistance = 1.0 + stiffness * np.sum(modal_stretch**2, axis=1)
+        return np.asarray(stiffness / resistance * strains + width * by_area * length * moved)
 
 
 def _at_nodes(
     elasticity: Elasticity, points: Array, blocks: tuple[Block, ...]
 ) -> tuple[Array, ...]:
     """The fields of each block at the nodes nearest to points, (points, 2, columns) each."""
-    comm, own = elasticity.comm, elasticity.coordinates()
+    comm, coordinates = elasticity.comm, elasticity.coordinates()
     distance, node = np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
-    if len(own):
-        distance, node = cKDTree(own).query(points)
+    if len(coordinates):
+        distance, node = cKDTree(coordinates).query(points)
     mine = np.argmin(comm.allgather(distance), axis=0) == comm.rank
-    found = []
+    at_points = []
     for block in blocks:
         values = np.zeros((len(points), 2, block.shape[1]))
         values[mine] = block.reshape(-1, 2, block.shape[1])[node[mine]]
-        found.append(elasticity.sum(values))
-    return tuple(found)
+        at_points.append(elasticity.sum(values))
+    return tuple(at_points)
 
 
 def _solid(elasticity: Elasticity, matrices: Matrices) -> tuple[float, Array]:
