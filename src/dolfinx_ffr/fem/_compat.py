@@ -49,8 +49,8 @@ def interpolation_points(space: Any) -> Array:
 def coordinate_space(domain: mesh.Mesh) -> Any:
     """The space to which the positions of the mesh belong."""
     element = domain.ufl_domain().ufl_coordinate_element()
-    made = getattr(fem, "functionspace", None) or fem.FunctionSpace
-    return made(domain, element)
+    make_space = getattr(fem, "functionspace", None) or fem.FunctionSpace
+    return make_space(domain, element)
 
 
 def quadrature_space(domain: mesh.Mesh, degree: int, shape: tuple[int, ...] = ()) -> Any:
@@ -63,8 +63,8 @@ def quadrature_space(domain: mesh.Mesh, degree: int, shape: tuple[int, ...] = ()
         kind = ufl.TensorElement if shape else ufl.FiniteElement
         options = {"shape": shape} if shape else {}
         element = kind("Quadrature", domain.ufl_cell(), degree, quad_scheme="default", **options)
-    made = getattr(fem, "functionspace", None) or fem.FunctionSpace
-    return made(domain, element)
+    make_space = getattr(fem, "functionspace", None) or fem.FunctionSpace
+    return make_space(domain, element)
 
 
 def tabulate(element: Any, domain: mesh.Mesh, points: Array) -> Array:
@@ -168,9 +168,9 @@ def set_form_cache(directory: Path) -> None:
     names = ("DOLFINX_DEFAULT_JIT_OPTIONS", "DOLFINX_DEFAULT_JIT_PARAMETERS")
     defaults = next(getattr(jit, name) for name in names if hasattr(jit, name))
     defaults["cache_dir"] = (directory, defaults["cache_dir"][1])
-    given, meaning = defaults["cffi_extra_compile_args"]
-    given = [flag for flag in given if flag not in _for_this_processor()]
-    defaults["cffi_extra_compile_args"] = [*given, *_for_this_processor()], meaning
+    flags, meaning = defaults["cffi_extra_compile_args"]
+    flags = [flag for flag in flags if flag not in _for_this_processor()]
+    defaults["cffi_extra_compile_args"] = [*flags, *_for_this_processor()], meaning
 
 
 @cache
@@ -179,8 +179,8 @@ def _for_this_processor() -> list[str]:
     described = Path("/proc/cpuinfo")
     if platform.machine() != "x86_64" or not described.exists():
         return ["-O3"]
-    first, *_ = described.read_text().split("\n\n")
-    lines = [line for line in first.splitlines() if line.startswith(("model", "flags"))]
+    first_processor, *_ = described.read_text().split("\n\n")
+    lines = [line for line in first_processor.splitlines() if line.startswith(("model", "flags"))]
     name = sha256("\n".join(lines).encode()).hexdigest()[:16]
     # without fused products, whose rounding breaks the symmetries of meshes
     return ["-O3", "-march=native", "-ffp-contract=off", f"-DPROCESSOR_{name}"]
@@ -198,7 +198,7 @@ def create_mesh(comm: MPI.Comm, cells: Integers, x: Array, cell: str, degree: in
         shape = ufl.Cell(cell, geometric_dimension=x.shape[1])
         element = ufl.VectorElement("Lagrange", shape, degree)
     names = list(inspect.signature(mesh.create_mesh).parameters)
-    given = {names[0]: comm, "cells": cells, "x": x}
-    rest = next(n for n in names[1:] if n not in given)  # "domain" or "e"
-    given[rest] = ufl.Mesh(element) if rest == "domain" else element
-    return mesh.create_mesh(**given)
+    arguments = {names[0]: comm, "cells": cells, "x": x}
+    name_of_element = next(n for n in names[1:] if n not in arguments)  # "domain" or "e"
+    arguments[name_of_element] = ufl.Mesh(element) if name_of_element == "domain" else element
+    return mesh.create_mesh(**arguments)

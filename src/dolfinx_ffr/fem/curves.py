@@ -65,7 +65,7 @@ class Curve(ABC):
         """The curve between two points next to its ends."""
 
     @abstractmethod
-    def cut(self, where: Sequence[float]) -> Sequence[Curve]:
+    def cut(self, cuts: Sequence[float]) -> Sequence[Curve]:
         """The same curve in parts that end at these parameters, which increase from 0 to 1."""
 
     def pieces(self) -> Sequence[Curve]:
@@ -74,9 +74,9 @@ class Curve(ABC):
 
     def points(self, tolerance: float) -> Array:
         """A polygon (n, 2) within ``tolerance``, with vertices on the curve and both ends exact."""
-        found = self.at(self.parameters(tolerance))
-        found[0], found[-1] = self.start, self.end
-        return found
+        vertices = self.at(self.parameters(tolerance))
+        vertices[0], vertices[-1] = self.start, self.end
+        return vertices
 
     def moments(self) -> Array:
         """The integrals of the module's description: area, and its moments about y and x, (3,)."""
@@ -124,8 +124,8 @@ class Line(Curve):
     def moved(self, start: Array, end: Array) -> Line:
         return Line(start, end)
 
-    def cut(self, where: Sequence[float]) -> list[Line]:
-        points = [self.start, *self.at(np.asarray(where)), self.end]
+    def cut(self, cuts: Sequence[float]) -> list[Line]:
+        points = [self.start, *self.at(np.asarray(cuts)), self.end]
         return [Line(a, b) for a, b in pairwise(points)]
 
 
@@ -168,15 +168,15 @@ class Arc(Curve):
 
     def moved(self, start: Array, end: Array) -> Arc:
         if np.array_equal(start, end):
-            whole = float(np.copysign(2.0 * np.pi, self.sweep))
-            return Arc(start, end, self.center + start - self.start, whole)
+            full_turn = float(np.copysign(2.0 * np.pi, self.sweep))
+            return Arc(start, end, self.center + start - self.start, full_turn)
         # the circle through both ends on which they are as far apart as before
         half = 0.5 * (end - start)
         away = np.array([-half[1], half[0]]) / np.tan(0.5 * self.sweep)
         return Arc(start, end, start + half + away, self.sweep)
 
-    def cut(self, where: Sequence[float]) -> list[Arc]:
-        t = np.array([0.0, *where, 1.0])
+    def cut(self, cuts: Sequence[float]) -> list[Arc]:
+        t = np.array([0.0, *cuts, 1.0])
         points = [self.start, *self.at(t[1:-1]), self.end]
         sweeps = self.sweep * np.diff(t)
         ends = zip(pairwise(points), sweeps, strict=True)
@@ -262,45 +262,45 @@ class Spline(Curve):
         length = float(np.hypot(*chord))
         if length == 0.0:
             return False
-        ways = self.control - self.start
-        across = ways @ np.array([-chord[1], chord[0]]) / length
-        forward = np.diff(ways @ chord / length)
+        offsets = self.control - self.start
+        across = offsets @ np.array([-chord[1], chord[0]]) / length
+        forward = np.diff(offsets @ chord / length)
         return bool(np.max(np.abs(across)) < tolerance and np.min(forward) > -tolerance)
 
-    def cut(self, where: Sequence[float]) -> list[Spline]:
-        found = []
-        for a, b in pairwise([0.0, *where, 1.0]):
+    def cut(self, cuts: Sequence[float]) -> list[Spline]:
+        pieces = []
+        for a, b in pairwise([0.0, *cuts, 1.0]):
             inside = self.knots[(self.knots > a) & (self.knots < b)]
             ones = np.ones(self.degree + 1)
             knots = np.concatenate([0.0 * ones, (inside - a) / (b - a), ones])
-            found.append(Spline.of(self.at, knots, self.degree, (a, b)))
-        found[0].control[0], found[-1].control[-1] = self.start, self.end
-        for one, other in pairwise(found):
-            other.control[0] = one.end
-        return found
+            pieces.append(Spline.of(self.at, knots, self.degree, (a, b)))
+        pieces[0].control[0], pieces[-1].control[-1] = self.start, self.end
+        for piece, following in pairwise(pieces):
+            following.control[0] = piece.end
+        return pieces
 
     @staticmethod
     def of(
         function: Callable[[Array], Array],
         knots: Array,
         degree: int,
-        part: tuple[float, float] = (0.0, 1.0),
+        interval: tuple[float, float] = (0.0, 1.0),
     ) -> Spline:
         """The spline on given knots that a part of a function of parameters, to (n, 2), is."""
         # Greville's points, at which a spline is determined by its values
-        where = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree).mean(axis=1)
-        values = function(part[0] + (part[1] - part[0]) * where)
-        found = make_interp_spline(where, values, k=degree, t=knots)
-        return Spline(knots, np.array(found.c), degree)
+        greville = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree).mean(axis=1)
+        values = function(interval[0] + (interval[1] - interval[0]) * greville)
+        spline = make_interp_spline(greville, values, k=degree, t=knots)
+        return Spline(knots, np.array(spline.c), degree)
 
     @staticmethod
     def through(points: Array) -> Spline:
         """A cubic spline through at least four points (n, 2) on a smooth curve [m]."""
         t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        found = make_interp_spline(t / t[-1], points, k=3)
-        control = np.array(found.c)
+        spline = make_interp_spline(t / t[-1], points, k=3)
+        control = np.array(spline.c)
         control[0], control[-1] = points[0], points[-1]
-        return Spline(np.asarray(found.t), control, 3)
+        return Spline(np.asarray(spline.t), control, 3)
 
     def parameters(self, tolerance: float) -> Array:
         ends = self.breaks()

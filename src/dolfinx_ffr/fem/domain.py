@@ -137,11 +137,11 @@ class Domain:
             self.bounding_box,
         )
         check_hanging_nodes(domain)
-        check_held(domain, [part.facets for part in self.interfaces.values()])
+        check_held(domain, [interface.facets for interface in self.interfaces.values()])
         #: Cells owned by this rank that stay solid, and that stay void, shape (cells,)
         self.solid_cells, self.void_cells = (
-            located_cells(self.mesh, f"domain: {name}", where)
-            for name, where in (("solid", solid), ("void", void))
+            located_cells(self.mesh, f"domain: {name}", region)
+            for name, region in (("solid", solid), ("void", void))
         )
         if solid_rim:
             self.solid_cells |= self._rim(solid_rim)
@@ -268,8 +268,8 @@ class Domain:
         validation.instance("from_gmsh: comm", comm, MPI.Comm, "an MPI communicator")
         read = read_gmsh(comm, validation.path("from_gmsh: path", path))
         regions = {"solid": solid, "void": void}
-        of = {"order": order, "centers": centers, "solid_rim": solid_rim}
-        return cls._from_tags(read, interfaces, regions, **of)
+        options = {"order": order, "centers": centers, "solid_rim": solid_rim}
+        return cls._from_tags(read, interfaces, regions, **options)
 
     @classmethod
     def from_gmsh_model(
@@ -291,8 +291,8 @@ class Domain:
         errors are those of `from_gmsh`.
         """
         read, regions = read_gmsh_model(comm, model), {"solid": solid, "void": void}
-        of = {"order": order, "centers": centers, "solid_rim": solid_rim}
-        return cls._from_tags(read, interfaces, regions, **of)
+        options = {"order": order, "centers": centers, "solid_rim": solid_rim}
+        return cls._from_tags(read, interfaces, regions, **options)
 
     @classmethod
     def from_outline(
@@ -349,17 +349,17 @@ class Domain:
         Warns:
             UserWarning: If the triangles are larger than the outline is across.
         """
-        held = validation.by_name("from_outline: interfaces", interfaces, "predicates or layers")
+        places = validation.by_name("from_outline: interfaces", interfaces, "predicates or layers")
         degree = min(validation.integer("from_outline: order", order, least=1), 2)
         sheet = Sheet(unit, layers, inside, gap)
-        read, facets = mesh_outline(comm, outline, held, size, sheet, degree, solid_rim)
+        read, facets = mesh_outline(comm, outline, places, size, sheet, degree, solid_rim)
         stays = located_cells(read.mesh, "domain: solid", solid)
         if (2, "solid") in read.numbers:
             rims = read.tagged(2, "solid")
             stays[rims[rims < len(stays)]] = True
-        of = {"void": void, "order": order, "centers": centers}
-        by_name: dict[str, Any] = {**held, **facets}
-        body = cls(read.mesh, by_name, stays, **of)  # type: ignore[arg-type]
+        options = {"void": void, "order": order, "centers": centers}
+        by_name: dict[str, Any] = {**places, **facets}
+        body = cls(read.mesh, by_name, stays, **options)  # type: ignore[arg-type]
         refuse_whole_edge(body.mesh, body.interfaces)
         return body
 
@@ -374,23 +374,23 @@ class Domain:
         dim = read.mesh.topology.dim
 
         def tagged(d: int, argument: str, names: Any) -> dict[str, NDArray[np.int32]]:
-            wanted = read.called(d, f"{read.source}: {argument}", names)
-            missing = [name for name in wanted if (d, name) not in read.numbers]
+            group_names = read.called(d, f"{read.source}: {argument}", names)
+            missing = [name for name in group_names if (d, name) not in read.numbers]
             if missing:
-                there = [f"{KINDS[k]}s {read.names(k) or 'none'}" for k in (dim - 1, dim)]
+                available = [f"{KINDS[k]}s {read.names(k) or 'none'}" for k in (dim - 1, dim)]
                 raise ValueError(
                     f"{read.source}: no physical {KINDS[d]} named "
-                    f"{', '.join(map(repr, missing))}; it has the physical {there[0]} and the "
-                    f"physical {there[1]}. Name the groups in gmsh, or pass {argument}=[...]"
+                    f"{', '.join(map(repr, missing))}; it has the physical {available[0]} and the "
+                    f"physical {available[1]}. Name the groups in gmsh, or pass {argument}=[...]"
                 )
-            return {name: read.tagged(d, name) for name in wanted}
+            return {name: read.tagged(d, name) for name in group_names}
 
         facets = tagged(dim - 1, "interfaces", interfaces)
-        for name, given in regions.items():
-            options[name] = given
-            if not callable(given):
+        for name, region in regions.items():
+            options[name] = region
+            if not callable(region):
                 default = [name] if (dim, name) in read.numbers else []
-                groups = tagged(dim, name, default if given is None else given)
+                groups = tagged(dim, name, default if region is None else region)
                 options[name] = np.concatenate([np.zeros(0, dtype=np.int32), *groups.values()])
         body = cls(read.mesh, facets, **options)
         refuse_whole_edge(body.mesh, body.interfaces)
@@ -407,10 +407,10 @@ class Domain:
 
     def with_center(self, name: str, center: Array) -> Domain:
         """The same domain with the ``center`` (dimension,) [m] of the interface ``name``."""
-        other: Domain = object.__new__(type(self))
+        domain: Domain = object.__new__(type(self))
         moved = replace(self.interfaces[name], center=center)
-        vars(other).update(vars(self), interfaces={**self.interfaces, name: moved})
-        return other
+        vars(domain).update(vars(self), interfaces={**self.interfaces, name: moved})
+        return domain
 
     # ------------------------------------------------------------------ geometry
 
@@ -487,15 +487,15 @@ class Domain:
         def alike() -> bool:
             edges = np.sort(cells[:, axes], axis=3).reshape(-1, 3, 4, 2)
             axis = np.broadcast_to(np.arange(3)[:, None, None], (*edges.shape[:3], 1))
-            every = np.concatenate([edges, axis], axis=3).reshape(-1, 3)
-            seen = np.unique(every, axis=0)
-            return len(seen) == len(np.unique(seen[:, :2], axis=0))
+            edges_with_axes = np.concatenate([edges, axis], axis=3).reshape(-1, 3)
+            distinct = np.unique(edges_with_axes, axis=0)
+            return len(distinct) == len(np.unique(distinct[:, :2], axis=0))
 
         if not on_rank_0(self.comm, alike):
             return np.full(3, self.cell_size)
         x = self.mesh.geometry.x[nodes][:, axes]
         length = np.linalg.norm(x[..., 1, :] - x[..., 0, :], axis=-1).mean(axis=2)
-        return np.array([self.sum(own) for own in length.T]) / self.n_cells_global
+        return np.array([self.sum(lengths) for lengths in length.T]) / self.n_cells_global
 
     def sum(self, values: Array) -> float:
         """The sum of ``values`` over all ranks, bit-identical on every rank."""
@@ -506,8 +506,8 @@ class Domain:
 
         The ``values`` are those of the cells owned by this rank, shape (cells, ...).
         """
-        parts = gathered(self.comm, "the values of all cells", np.asarray(values))
-        return np.asarray(np.concatenate(parts)[self._order[0]])
+        of_ranks = gathered(self.comm, "the values of all cells", np.asarray(values))
+        return np.asarray(np.concatenate(of_ranks)[self._order[0]])
 
     def owned(self, values: NDArray[Any]) -> NDArray[Any]:
         """This rank's own part of the ``values`` of all cells, the inverse of `everywhere`."""
@@ -527,21 +527,21 @@ class Domain:
     def on_cells(self, block: Array) -> Array:
         """A ``block`` (dofs of this rank, columns) by cells: (cells, nodes, dimension, columns)."""
         nodes, field = _compat.dofmap_array(self.space)[: self.n_cells], fem.Function(self.space)
-        found = np.empty((*nodes.shape, self.dimension, block.shape[1]))
+        values = np.empty((*nodes.shape, self.dimension, block.shape[1]))
         for i, column in enumerate(block.T):
             field.x.array[: len(column)] = column
             field.x.scatter_forward()
-            found[..., i] = field.x.array.reshape(-1, self.dimension)[nodes]
-        return found
+            values[..., i] = field.x.array.reshape(-1, self.dimension)[nodes]
+        return values
 
     @cached_property
     def _order(self) -> tuple[Integers, Integers]:
         """Positions of all cells among those gathered from the ranks, and of this rank's cells."""
         number = np.asarray(self.mesh.topology.original_cell_index)[: self.n_cells]
-        parts = self.comm.allgather(number)
-        order = np.argsort(np.concatenate(parts), kind="stable")
-        first = sum(map(len, parts[: self.comm.rank]))
-        return order, np.argsort(order)[first : first + self.n_cells]
+        of_ranks = self.comm.allgather(number)
+        order = np.argsort(np.concatenate(of_ranks), kind="stable")
+        first_cell = sum(map(len, of_ranks[: self.comm.rank]))
+        return order, np.argsort(order)[first_cell : first_cell + self.n_cells]
 
     def quadrature_points(self, n: int) -> tuple[Array, Array]:
         """Points in each cell of this rank with weights that average over the cell.
@@ -619,7 +619,7 @@ class Domain:
                 f"interface {name!r} lies on void cells only: nothing joins it to the body; "
                 "leave cells along it out of the void region"
             )
-        check_held(self.mesh, [part.facets for part in self.interfaces.values()], void)
+        check_held(self.mesh, [interface.facets for interface in self.interfaces.values()], void)
 
     @property
     def designed_interfaces(self) -> list[str]:
@@ -629,21 +629,25 @@ class Domain:
     def on_hole(self, name: str) -> bool:
         """Whether the interface ``name`` lies on a hole of the body's drawing."""
         points = facet_points(self.mesh, self.interfaces[name].facets)
-        near = _ON_HOLE * float(np.max(np.ptp(self.bounding_box, axis=0)))
-        return any(np.max(hole.distance(points)) < near for hole in self.holes)
+        tolerance = _ON_HOLE * float(np.max(np.ptp(self.bounding_box, axis=0)))
+        return any(np.max(hole.distance(points)) < tolerance for hole in self.holes)
 
     def _rim(self, width: float) -> Mask:
         """Cells of this rank that reach within a width of the interfaces, shape (cells,)."""
         width = validation.number("domain: solid_rim", width, least=self.cell_size, unit="m")
-        facets = [facet_nodes(self.mesh, part.facets) for part in self.interfaces.values()]
+        facets = [
+            facet_nodes(self.mesh, interface.facets) for interface in self.interfaces.values()
+        ]
         x, d = self.mesh.geometry.x[:, : self.dimension], self.dimension
         # points amid the sides of a facet, too, as it is no farther than its nodes
-        points = [x[own] for own in facets]
-        points += [0.5 * (own + np.roll(own, 1, axis=1)) for own in points]
-        held = np.concatenate([own.reshape(-1, d) for own in points])
-        near = cKDTree(np.vstack(self.comm.allgather(held))).query(x)[0]
+        points = [x[facet_corners] for facet_corners in facets]
+        points += [
+            0.5 * (facet_corners + np.roll(facet_corners, 1, axis=1)) for facet_corners in points
+        ]
+        points_of_rank = np.concatenate([facet_corners.reshape(-1, d) for facet_corners in points])
+        distance = cKDTree(np.vstack(self.comm.allgather(points_of_rank))).query(x)[0]
         corners = _compat.cell_geometry(self.mesh)[: self.n_cells]
-        return np.asarray(np.any(near[corners] < (1.0 - _ON) * width, axis=1))
+        return np.asarray(np.any(distance[corners] < (1.0 - _ON) * width, axis=1))
 
     def _with_ghosts(self, cells: Mask) -> Mask:
         """A mask over this rank's cells, extended to ghosts."""
@@ -657,8 +661,8 @@ class Domain:
         cells_of = self.mesh.topology.connectivity(self.dimension - 1, self.dimension)
         return [
             name
-            for name, part in self.interfaces.items()
-            if not self._anywhere(any(cells[cells_of.links(f)[0]] for f in part.facets))
+            for name, interface in self.interfaces.items()
+            if not self._anywhere(any(cells[cells_of.links(f)[0]] for f in interface.facets))
         ]
 
 
@@ -667,8 +671,8 @@ def quadrature(domain: Domain, degree: int) -> tuple[tuple[Array, Array], Array,
     kind = getattr(basix.CellType, domain.cell)
     points, weights = map(np.asarray, basix.make_quadrature(kind, degree))
     cells = np.arange(domain.n_cells, dtype=np.int32)
-    where, jacobian = (
+    positions, jacobian = (
         _compat.compiled_expression(expression(domain.mesh), points, domain.mesh)(cells)
         for expression in (ufl.SpatialCoordinate, ufl.JacobianDeterminant)
     )
-    return (points, weights), where, weights * np.abs(jacobian[:, :, 0])
+    return (points, weights), positions, weights * np.abs(jacobian[:, :, 0])

@@ -107,15 +107,17 @@ def bores(domain: mesh.Mesh) -> list[RoundHole]:
     corners, outward = _boundary_corners(domain)
     smooth = _smooth_patches(corners, outward)
     patches = [np.flatnonzero(smooth == number) for number in range(smooth.max(initial=-1) + 1)]
-    every = (_bore(corners[patch], outward[patch]) for patch in patches)
-    return [bore for bore in every if bore is not None]
+    candidates = (_bore(corners[patch], outward[patch]) for patch in patches)
+    return [bore for bore in candidates if bore is not None]
 
 
 def _boundary_corners(domain: mesh.Mesh) -> tuple[Array, Array]:
     """Corners (facets, corners, dimension) [m] and outward normals of the facets of all ranks."""
     d = domain.topology.dim
-    every = mesh.locate_entities_boundary(domain, d - 1, lambda x: np.full(x.shape[1], True))
-    facets = every[every < domain.topology.index_map(d - 1).size_local]
+    boundary_facets = mesh.locate_entities_boundary(
+        domain, d - 1, lambda x: np.full(x.shape[1], True)
+    )
+    facets = boundary_facets[boundary_facets < domain.topology.index_map(d - 1).size_local]
     x = domain.geometry.x[:, :d]
     corners = x[facet_nodes(domain, facets)]
     cell_of = domain.topology.connectivity(d - 1, d)
@@ -131,7 +133,7 @@ def _boundary_corners(domain: mesh.Mesh) -> tuple[Array, Array]:
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     normal *= -np.sign(np.einsum("fi,fi->f", normal, inward))[:, None]
     gathered = domain.comm.allgather((corners, normal))
-    return tuple(np.concatenate(parts) for parts in zip(*gathered, strict=True))
+    return tuple(np.concatenate(arrays) for arrays in zip(*gathered, strict=True))
 
 
 def _on_curves(ring: shapely.LinearRing) -> Array:
@@ -143,9 +145,9 @@ def _on_curves(ring: shapely.LinearRing) -> Array:
     points = shapely.get_coordinates(ring)[:-1]
     for _ in range(_HALVINGS):
         chord = np.roll(points, -1, axis=0) - points
-        before = np.roll(chord, 1, axis=0)
-        cross = before[:, 0] * chord[:, 1] - before[:, 1] * chord[:, 0]
-        turn = np.arctan2(cross, np.einsum("ij,ij->i", before, chord))
+        previous_chord = np.roll(chord, 1, axis=0)
+        cross = previous_chord[:, 0] * chord[:, 1] - previous_chord[:, 1] * chord[:, 0]
+        turn = np.arctan2(cross, np.einsum("ij,ij->i", previous_chord, chord))
         turn[np.abs(turn) > _CURVED] = 0.0
         bulge = 0.5 * np.tan(0.125 * (turn + np.roll(turn, -1)))
         right = np.column_stack([chord[:, 1], -chord[:, 0]])
@@ -189,8 +191,8 @@ def _bore(corners: Array, outward: Array) -> RoundHole | None:
     walls = corners.mean(axis=1)
     from_axis = np.cross(np.cross(axis, walls - middle), axis)
     convex = np.einsum("fi,fi->f", outward, from_axis) > 0.0
-    one, other = np.linalg.svd(axis[None, :])[2][1:]
-    angles = np.sort(np.arctan2(radial @ other, radial @ one))
+    first_direction, second_direction = np.linalg.svd(axis[None, :])[2][1:]
+    angles = np.sort(np.arctan2(radial @ second_direction, radial @ first_direction))
     gaps = np.diff(angles, append=angles[0] + 2.0 * np.pi)
     on_it = np.max(np.abs(away - radius)) < _ON_CYLINDER * radius
     if not on_it or np.any(convex) or np.max(gaps) > 2.0 * _CURVED:

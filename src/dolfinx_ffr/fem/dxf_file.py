@@ -44,7 +44,7 @@ def read_dxf(path: Path, scale: float | None, layers: Collection[str] | None) ->
             f"outline {path}: the file does not say its unit ($INSUNITS = {code}); give unit='mm'"
         )
     visible = _Visible(path, drawing, layers)
-    found: list[Drawn] = []
+    drawn: list[Drawn] = []
     for entity, line_type in visible.parts(drawing.modelspace(), "0", ""):
         kind, layer = entity.dxftype(), entity.dxf.layer
         if kind in _NOTES:
@@ -62,10 +62,10 @@ def read_dxf(path: Path, scale: float | None, layers: Collection[str] | None) ->
                 "plane; delete it, convert it to lines, arcs or splines, or name the layers of the "
                 "outline by layers=[...]"
             )
-        found += [Drawn(curve, frozenset([layer]), line_type) for curve in curves]
-    if not found:
+        drawn += [Drawn(curve, frozenset([layer]), line_type) for curve in curves]
+    if not drawn:
         _refuse_paper(path, drawing, visible)
-    return found
+    return drawn
 
 
 def _check_vertices(path: Path) -> None:
@@ -81,8 +81,8 @@ def _check_vertices(path: Path) -> None:
             vertices += value == b"VERTEX"
         elif code == b"10" and in_polyline:
             vertices += 1
-    what, remedy = f"outline {path}: the vertices of polylines", "simplify the polylines"
-    check_count(what, vertices, "vertices", remedy, most=MOST_CURVES)
+    subject, remedy = f"outline {path}: the vertices of polylines", "simplify the polylines"
+    check_count(subject, vertices, "vertices", remedy, most=MOST_CURVES)
 
 
 def _tags(content: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -104,8 +104,8 @@ def _tags(content: bytes) -> Iterator[tuple[bytes, bytes]]:
 def _refuse_paper(path: Path, drawing: Any, visible: _Visible) -> None:
     """Refuse a drawing that is in paper space alone, which may be drawn to any scale."""
     for name in drawing.layouts.names():
-        parts = [] if name == "Model" else visible.parts(drawing.layout(name), "0", "")
-        kinds = {entity.dxftype() for entity, _ in parts} - _NOTES
+        entities = [] if name == "Model" else visible.parts(drawing.layout(name), "0", "")
+        kinds = {entity.dxftype() for entity, _ in entities} - _NOTES
         if kinds:
             raise ValueError(
                 f"outline {path}: its curves are in paper space, on the layout {name!r}, whose "
@@ -148,9 +148,9 @@ class _Visible:
                 continue
             gaps = self._line_type(entity, line_type)
             if insert:
-                for each in entity.multi_insert() if entity.mcount > 1 else [entity]:
-                    held = each.virtual_entities(skipped_entity_callback=self._refuse)
-                    yield from self.parts(held, entity.dxf.layer, gaps)
+                for single_insert in entity.multi_insert() if entity.mcount > 1 else [entity]:
+                    members = single_insert.virtual_entities(skipped_entity_callback=self._refuse)
+                    yield from self.parts(members, entity.dxf.layer, gaps)
             elif self.layers is not None and layer not in self.layers:
                 continue
             elif entity.dxftype() in ("LWPOLYLINE", "POLYLINE"):
@@ -184,10 +184,10 @@ class _Visible:
 
         def curves(entities: Iterable[Any], above: tuple[str, ...]) -> int:
             """Number of curves in entities, also on layers that are not drawn."""
-            found = 0
+            number = 0
             for entity in entities:
                 if entity.dxftype() != "INSERT":
-                    found += len(entity) if entity.dxftype() in ("LWPOLYLINE", "POLYLINE") else 1
+                    number += len(entity) if entity.dxftype() in ("LWPOLYLINE", "POLYLINE") else 1
                     continue
                 name = entity.dxf.name
                 block = drawing.blocks.get(name)
@@ -208,12 +208,12 @@ class _Visible:
                     )
                 if name.lower() not in counts:
                     counts[name.lower()] = curves(block, (*above, name.lower()))
-                found += entity.mcount * counts[name.lower()]
-            return found
+                number += entity.mcount * counts[name.lower()]
+            return number
 
-        what, count = f"outline {self.path}", curves(drawing.modelspace(), ())
+        subject, count = f"outline {self.path}", curves(drawing.modelspace(), ())
         remedy = "delete blocks that are no outline"
-        check_count(what, count, "curves", remedy, most=MOST_CURVES)
+        check_count(subject, count, "curves", remedy, most=MOST_CURVES)
 
 
 def _has_gaps(line_type: Any) -> bool:
@@ -238,14 +238,17 @@ def _of_entity(entity: Any, scale: float) -> list[Curve] | None:
         if not np.allclose(up[:2], 0.0, atol=1e-9 * abs(up[2])):
             return None
         center = scale * np.array([*entity.dxf.center])[:2]
-        first, sweep = 0.0, 2.0 * np.pi
+        first_angle, sweep = 0.0, 2.0 * np.pi
         if kind == "ARC":
-            first = np.radians(entity.dxf.start_angle)
+            first_angle = np.radians(entity.dxf.start_angle)
             angle = (entity.dxf.end_angle - entity.dxf.start_angle) % 360.0
             sweep = float(np.radians(angle)) or sweep
         if up[2] < 0.0:  # mirrored: x of its own coordinates is that of the drawing reversed
-            center, first, sweep = center * [-1.0, 1.0], np.pi - first, -sweep
-        radius, angles = scale * abs(float(entity.dxf.radius)), np.array([first, first + sweep])
+            center, first_angle, sweep = center * [-1.0, 1.0], np.pi - first_angle, -sweep
+        radius, angles = (
+            scale * abs(float(entity.dxf.radius)),
+            np.array([first_angle, first_angle + sweep]),
+        )
         a, b = center + radius * np.column_stack([np.cos(angles), np.sin(angles)])
         return [Arc(a, a if abs(abs(sweep) - 2.0 * np.pi) < 1e-12 else b, center, sweep)]
     if kind == "SPLINE":
@@ -270,8 +273,8 @@ def _spline(control: Array, knots: Array, weights: Array, k: int) -> list[Curve]
     curve = BSpline(knots, np.column_stack([control * weights[:, None], weights]), k)
 
     def at(t: Array) -> Array:
-        found = curve(low + t * (high - low))
-        return np.asarray(found[:, :2] / found[:, 2:])
+        homogeneous = curve(low + t * (high - low))
+        return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
 
     if np.ptp(weights) == 0.0:
         ends = np.ones(k + 1)

@@ -164,14 +164,14 @@ class Elasticity:
         """Zeros where a ``matrix`` has entries of one axis: the mass does not couple the axes."""
         indptr, columns, _ = matrix.getValuesCSR()
         rows = np.repeat(np.arange(self.n_dofs), np.diff(indptr))  # each rank has whole nodes
-        kept = (rows - columns) % self.dimension == 0
-        ends = np.concatenate([[0], np.cumsum(kept)])[indptr].astype(PETSc.IntType)
-        csr = ends, columns[kept], np.zeros(int(ends[-1]))
-        made = PETSc.Mat().createAIJ(matrix.sizes, self.dimension, csr=csr, comm=self.comm)
-        made.setLGMap(*matrix.getLGMap())
-        made.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)  # those of elements couple
-        made.assemble()
-        return made
+        same_axis = (rows - columns) % self.dimension == 0
+        ends = np.concatenate([[0], np.cumsum(same_axis)])[indptr].astype(PETSc.IntType)
+        csr = ends, columns[same_axis], np.zeros(int(ends[-1]))
+        pattern = PETSc.Mat().createAIJ(matrix.sizes, self.dimension, csr=csr, comm=self.comm)
+        pattern.setLGMap(*matrix.getLGMap())
+        pattern.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)  # those of elements couple
+        pattern.assemble()
+        return pattern
 
     def set_density(self, x: Array) -> None:
         """Give the forms a density ``x`` (cells,)."""
@@ -244,17 +244,17 @@ class Elasticity:
             self._add_node_sums(nodes, w, y, phi, kappa)
         elif nodes is not None:
             for a in range(max(w.shape[1], phi.shape[1])):
-                for own, block in zip(self._fields, pairs, strict=True):
-                    self.set(own, block[:, a] if a < block.shape[1] else np.zeros(self.n_dofs))
+                for function, block in zip(self._fields, pairs, strict=True):
+                    self.set(function, block[:, a] if a < block.shape[1] else np.zeros(self.n_dofs))
                 # it adds: a new vector for each pair of fields would mean new communicators
                 fem.assemble_vector(nodes, self._node_form)
-        total, each = np.zeros(self.domain.n_cells), ((phi, kappa), (w, y))
+        total, block_pairs = np.zeros(self.domain.n_cells), ((phi, kappa), (w, y))
         for pair, (matrices, slopes) in zip(
-            each, self._cell_slopes(x) if cells else (), strict=False
+            block_pairs, self._cell_slopes(x) if cells else (), strict=False
         ):
-            for part, products in self._products(*pair, matrices.shape[1]):
-                energies = np.einsum("cij,cij->c", matrices[part], products)
-                total[part] += slopes[part] * energies
+            for chunk, products in self._products(*pair, matrices.shape[1]):
+                energies = np.einsum("cij,cij->c", matrices[chunk], products)
+                total[chunk] += slopes[chunk] * energies
         return total
 
     def _cell_slopes(self, x: Array) -> Iterator[tuple[Array, Array]]:
@@ -273,34 +273,37 @@ class Elasticity:
         Stiffness (cells, dofs, dofs), and mass (cells, nodes, nodes) of one component of
         displacements. Cells that are alike but for round-off share one. None: no slopes.
         """
-        own, test = fem.Function(self.cell_space), ufl.TestFunction(self.cell_space)
-        densities, found = ((self._solid_stiffness, 1), (self._solid_mass, self.dimension)), []
+        function, test = fem.Function(self.cell_space), ufl.TestFunction(self.cell_space)
+        densities, solid_cells = (
+            ((self._solid_stiffness, 1), (self._solid_mass, self.dimension)),
+            [],
+        )
         for (density, step), factor in zip(densities, self._factors, strict=True):
-            form, rows = fem.form(density(own, test) * self._dx), []
+            form, rows = fem.form(density(function, test) * self._dx), []
             for unit in np.eye(self._cell_dofs.shape[1])[::step]:
-                self.set_cells(own, unit)
-                values = np.zeros(len(own.x.array))
+                self.set_cells(function, unit)
+                values = np.zeros(len(function.x.array))
                 fem.assemble_vector(values, form)
                 row = values[self._cell_dofs[:, ::step]]
-                alike = len(row) and np.ptp(row, axis=0).max() <= ALIKE * np.abs(row).max()
-                rows.append(row[:1] if alike else row)
+                equal = len(row) and np.ptp(row, axis=0).max() <= ALIKE * np.abs(row).max()
+                rows.append(row[:1] if equal else row)
             matrices = np.stack(np.broadcast_arrays(*rows), axis=1)
             shape = self.domain.n_cells, *matrices.shape[1:]
             follows = self._density in extract_coefficients(factor)
             slopes = self.density_form(factor * self._dx) if follows else None
-            found.append((np.broadcast_to(matrices, shape), slopes))
-        return found
+            solid_cells.append((np.broadcast_to(matrices, shape), slopes))
+        return solid_cells
 
     def _add_node_sums(self, nodes: Array, *pairs: Block) -> None:
         """Add the derivative of `density_gradient`'s sum by the nodes, from products at cells."""
         (form, fields), dofs = self._sums_form, self._cell_dofs.shape[1]
         mass, stiffness = np.zeros((2, self.domain.n_cells, dofs, dofs))
         for total, (a, b) in ((mass, pairs[:2]), (stiffness, pairs[2:])):
-            for part, products in self._products(a, b, dofs):
-                total[part] = products
+            for chunk, products in self._products(a, b, dofs):
+                total[chunk] = products
         for i, unit in enumerate(np.eye(dofs)):
-            parts = unit, mass[:, i], unit, stiffness[:, i]
-            for field_, values in zip(fields, parts, strict=True):
+            values_of_fields = unit, mass[:, i], unit, stiffness[:, i]
+            for field_, values in zip(fields, values_of_fields, strict=True):
                 self.set_cells(field_, values)
             fem.assemble_vector(nodes, form)
 
@@ -313,9 +316,11 @@ class Elasticity:
             return
         nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
         a, b = self._by_nodes(a), self._by_nodes(b)
-        for part in (slice(i, i + CELLS) for i in range(0, len(nodes), CELLS)):
-            left, right = (k[nodes[part]].reshape(len(nodes[part]), size, -1) for k in (a, b))
-            yield part, left @ right.swapaxes(1, 2)
+        for chunk in (slice(i, i + CELLS) for i in range(0, len(nodes), CELLS)):
+            left_values, right = (
+                k[nodes[chunk]].reshape(len(nodes[chunk]), size, -1) for k in (a, b)
+            )
+            yield chunk, left_values @ right.swapaxes(1, 2)
 
     def cell_derivatives(self, x: Array, w: Block, phi: Block) -> tuple[CellFields, CellFields]:
         """(dM/dx_e) w_a and (dK/dx_e) phi_i on the nodes of element e, for every element.
@@ -324,13 +329,13 @@ class Elasticity:
         (dofs, i); given back are (cells, nodes, dimension, a) and (cells, nodes, dimension, i),
         with nodes as in the space's dofmap.
         """
-        found = []
+        derivatives = []
         for block, (matrices, slopes) in zip((phi, w), self._cell_slopes(x), strict=True):
             local = self.at_cells(block)
             size = len(local), matrices.shape[1], local[:1].size // matrices.shape[1]
             forces = slopes[:, None, None] * (matrices.swapaxes(1, 2) @ local.reshape(size))
-            found.append(forces.reshape(local.shape))
-        return found[1], found[0]
+            derivatives.append(forces.reshape(local.shape))
+        return derivatives[1], derivatives[0]
 
     def at_cells(self, block: Block) -> CellFields:
         """The fields of a ``block`` on the nodes of each cell owned by this rank."""
@@ -339,22 +344,22 @@ class Elasticity:
 
     def _by_nodes(self, block: Block) -> Array:
         """`with_ghosts` of a ``block``, shape (nodes, dimension, columns)."""
-        whole = self.with_ghosts(block)
-        return whole.reshape(len(whole) // self.dimension, self.dimension, block.shape[1])
+        extended = self.with_ghosts(block)
+        return extended.reshape(len(extended) // self.dimension, self.dimension, block.shape[1])
 
-    def set_cells(self, function: fem.Function, values: Array, part: slice = slice(None)) -> None:
-        """Give a ``function`` of `cell_space` values (cells, dofs) or (dofs,) in ``part``."""
-        function.x.array[self._cell_dofs[part]] = values
+    def set_cells(self, function: fem.Function, values: Array, cells: slice = slice(None)) -> None:
+        """Give a ``function`` of `cell_space` values (cells, dofs) or (dofs,) in ``cells``."""
+        function.x.array[self._cell_dofs[cells]] = values
 
     def with_ghosts(self, block: Block) -> Block:
         """The fields of a ``block`` at the nodes of this rank and its ghosts."""
         if self.comm.size == 1:
             return np.ascontiguousarray(block)
-        own = self._fields[0]
-        result = np.empty((len(own.x.array), block.shape[1]))
+        function = self._fields[0]
+        result = np.empty((len(function.x.array), block.shape[1]))
         for i, column in enumerate(block.T):
-            self.set(own, column)
-            result[:, i] = own.x.array
+            self.set(function, column)
+            result[:, i] = function.x.array
         return result
 
     def from_cells(self, cells: Integers, columns: Iterable[Array]) -> Block:
@@ -365,18 +370,18 @@ class Elasticity:
         """
         nodes = _compat.dofmap_array(self.domain.space)[cells, :, None]
         dofs = (self.dimension * nodes + np.arange(self.dimension)).ravel()
-        gathered, found = self._fields[0], []
+        gathered, summed_columns = self._fields[0], []
         for values in columns:
             array = gathered.x.array
             array[:] = np.bincount(dofs, values.ravel(), minlength=len(array))
             add_ghosts(gathered)
-            found.append(array[: self.n_dofs].copy())
-        return np.array(found).reshape(len(found), self.n_dofs).T
+            summed_columns.append(array[: self.n_dofs].copy())
+        return np.array(summed_columns).reshape(len(summed_columns), self.n_dofs).T
 
     def dofs_of(self, nodes: NDArray[np.int32]) -> Integers:
         """Dofs of the locally owned nodes among the local ``nodes``, in the given order."""
-        own = nodes[nodes < self.n_dofs // self.dimension].astype(np.int64)
-        return np.asarray(self.dimension * own[:, None] + np.arange(self.dimension)).ravel()
+        owned = nodes[nodes < self.n_dofs // self.dimension].astype(np.int64)
+        return np.asarray(self.dimension * owned[:, None] + np.arange(self.dimension)).ravel()
 
     def solid_pairing(self, points: Array) -> Callable[..., Array]:
         """A function to sum rho w . y + sigma(phi) : eps(kappa) of the solid at points of cells.
@@ -388,20 +393,20 @@ class Elasticity:
         w, y, phi, kappa = self._fields
         mass, stiffness = self._solid_mass(w, y), self._solid_stiffness(phi, kappa)
         evaluate = [
-            _compat.compiled_expression(ufl.as_vector([part]), points, self.domain.mesh)
-            for part in (mass, stiffness)
+            _compat.compiled_expression(ufl.as_vector([integrand]), points, self.domain.mesh)
+            for integrand in (mass, stiffness)
         ]
         cells = np.arange(self.domain.n_cells, dtype=np.int32)
 
         def paired(*blocks: Block) -> Array:
             total = np.zeros((len(cells), len(points)))
-            for part, own, pair in zip(
+            for evaluated, functions, pair in zip(
                 evaluate, ((w, y), (phi, kappa)), (blocks[:2], blocks[2:]), strict=True
             ):
                 for columns in zip(*(block.T for block in pair), strict=True):
-                    for function, column in zip(own, columns, strict=True):
+                    for function, column in zip(functions, columns, strict=True):
                         self.set(function, column)
-                    total += part(cells)[..., 0]
+                    total += evaluated(cells)[..., 0]
             return total
 
         return paired
@@ -416,14 +421,14 @@ class Elasticity:
 
     def _energy(self, density: Callable[[Any, Any], Expr], x: ArrayLike, field: Array) -> Array:
         self.set_density(self.domain.check_density(x))
-        own = self._fields[0]
-        self.set(own, field)
+        function = self._fields[0]
+        self.set(function, field)
         name = density.__name__
         if name not in self._energy_forms:
             test = ufl.TestFunction(self.domain.density_space)
-            self._energy_forms[name] = fem.form(0.5 * density(own, own) * test * self._dx)
-        found = fem.assemble_vector(self._energy_forms[name]).array
-        return np.array(found[: self.domain.n_cells])
+            self._energy_forms[name] = fem.form(0.5 * density(function, function) * test * self._dx)
+        energies = fem.assemble_vector(self._energy_forms[name]).array
+        return np.array(energies[: self.domain.n_cells])
 
     def stress(self, displacement: Expr) -> Expr:
         """The stress resultant of a ``displacement`` at the present density, as UFL [N/m]."""
@@ -448,8 +453,8 @@ class Elasticity:
         """a^T b, shape (columns of a, columns of b), bit-identical on every rank."""
         # by slices that stay in the cache: for many rows of few columns BLAS takes twice as long
         total = np.zeros((a.shape[1], b.shape[1]))
-        for first in range(0, len(a), ROWS):
-            rows = slice(first, first + ROWS)
+        for begin in range(0, len(a), ROWS):
+            rows = slice(begin, begin + ROWS)
             total += a[rows].T @ b[rows]
         return self.sum(total)
 
@@ -457,9 +462,9 @@ class Elasticity:
         """The sum over the ranks of the array ``local``, bit-identical on every rank."""
         return summed(self.comm, local)
 
-    def decided(self, found: Any) -> Any:
-        """What rank 0 has ``found``, for all ranks to go on with the same bits."""
-        return found if self.comm.size == 1 else self.comm.bcast(found)
+    def decided(self, value: Any) -> Any:
+        """What rank 0 has ``value``, for all ranks to go on with the same bits."""
+        return value if self.comm.size == 1 else self.comm.bcast(value)
 
     def largest(self, local: Array) -> float:
         """The largest entry of ``local`` over all ranks; zero if there is none."""
@@ -494,9 +499,9 @@ def dense_matrix(comm: MPI.Comm, block: Block) -> PETSc.Mat:
 
 def by_dense(function: Callable[[PETSc.Mat], PETSc.Mat], dense: PETSc.Mat) -> Block:
     """This rank's part of a function of a dense matrix; both matrices are destroyed."""
-    found = function(dense)
-    result = np.array(found.getDenseArray(), order="F")
-    found.destroy()
+    product = function(dense)
+    result = np.array(product.getDenseArray(), order="F")
+    product.destroy()
     dense.destroy()
     return result
 
@@ -506,28 +511,32 @@ def kept_by(owner: object, comm: MPI.Comm) -> list[Any]:
 
     On several ranks PETSc keeps an object until all ask together (`PETSc.garbage_cleanup`).
     """
-    kept: list[Any] = []
+    objects: list[Any] = []
 
     def drop() -> None:
-        kept.clear()
+        objects.clear()
         PETSc.garbage_cleanup(comm)
 
     if comm.size == 1:
         # the end of the program comes after PETSc's
         weakref.finalize(owner, drop).atexit = False
-    return kept
+    return objects
 
 
 def check_dimension(domain: Domain, material: ElasticMaterial) -> None:
     """Refuse a ``material`` of the plane for a ``domain`` in space, and the other way round."""
-    of, d, name = getattr(material, "dimension", 2), domain.dimension, type(material).__name__
-    if of != d:
-        where = {2: "the plane", 3: "space"}
+    dimension, d, name = (
+        getattr(material, "dimension", 2),
+        domain.dimension,
+        type(material).__name__,
+    )
+    if dimension != d:
+        spaces = {2: "the plane", 3: "space"}
         remedy = "PlaneStress(...) or PlaneStrain(...)" if d == 2 else "Isotropic(...)"
         if not hasattr(material, "dimension"):
             remedy += ", or a law that has the attribute dimension = 3"
         raise ValueError(
-            f"body: {name} is a material for {where[of]}, but the mesh is in {where[d]}; "
+            f"body: {name} is a material for {spaces[dimension]}, but the mesh is in {spaces[d]}; "
             f"take {remedy}"
         )
 
@@ -542,8 +551,8 @@ def warn_of_thickness(domain: Domain, material: ElasticMaterial) -> None:
         return
     extent = float(np.max(np.ptp(domain.bounding_box, axis=0)))
     # where strain out of the plane is held, a part may be long, and of unit thickness
-    most = THICKEST_STRESS if material.out_of_plane == 0.0 else THICKEST_STRAIN
-    if thickness > most * extent and not (material.out_of_plane and thickness == 1.0):
+    thickest = THICKEST_STRESS if material.out_of_plane == 0.0 else THICKEST_STRAIN
+    if thickness > thickest * extent and not (material.out_of_plane and thickness == 1.0):
         warnings.warn(
             f"body: the thickness {thickness:g} m of {name} is {thickness / extent:.3g} times the "
             f"extent of the body in its plane, {extent:.3g} m: are density and thickness in the "

@@ -23,26 +23,26 @@ def directed_loops(curves: Sequence[Curve], nodes: Sequence[tuple[int, int]]) ->
     leaving: dict[int, list[int]] = {}
     for i, (start, _) in enumerate(nodes):
         leaving.setdefault(start, []).append(i)
-    left, found = set(range(len(curves))), []
-    for first in range(len(curves)):
-        if first not in left:
+    unused, loops = set(range(len(curves))), []
+    for begin in range(len(curves)):
+        if begin not in unused:
             continue
-        loop = [first]
-        left.discard(first)
+        loop = [begin]
+        unused.discard(begin)
         while True:
-            here = loop[-1]
-            options = [i for i in leaving.get(nodes[here][1], []) if i in left or i == first]
+            current = loop[-1]
+            options = [i for i in leaving.get(nodes[current][1], []) if i in unused or i == begin]
             if not options:
                 raise RuntimeError("outline: a boundary does not close; please report this")
-            back = -curves[here].slope(np.array([1.0]))[0]
+            back = -curves[current].slope(np.array([1.0]))[0]
             if len(options) > 1:
                 options.sort(key=lambda i: _clockwise(back, curves[i].slope(np.zeros(1))[0]))
-            if options[0] == first:
+            if options[0] == begin:
                 break
             loop.append(options[0])
-            left.discard(options[0])
-        found.append(loop)
-    return found
+            unused.discard(options[0])
+        loops.append(loop)
+    return loops
 
 
 def _clockwise(a: Array, b: Array) -> float:
@@ -73,7 +73,7 @@ def nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int
 
 def ring(loop: Sequence[Curve], tolerance: float) -> Array:
     """The vertices (n, 2) of a closed loop within ``tolerance`` [m], at least three of them."""
-    found = polygon(loop, tolerance)
-    if len(found) < 3:  # two curves that are almost straight
-        found = np.concatenate([curve.at(np.linspace(0.0, 0.9, 10)) for curve in loop])
-    return found
+    vertices = polygon(loop, tolerance)
+    if len(vertices) < 3:  # two curves that are almost straight
+        vertices = np.concatenate([curve.at(np.linspace(0.0, 0.9, 10)) for curve in loop])
+    return vertices

@@ -42,11 +42,11 @@ def claim_form_cache(comm: MPI.Intracomm) -> Path:
     global _directory
     if _quiet not in logging.getLogger().filters:
         logging.getLogger().addFilter(_quiet)
-    held = comm.allgather(_directory)
-    if held[0] is not None and held == [held[0]] * len(held):
+    directories = comm.allgather(_directory)
+    if directories[0] is not None and directories == [directories[0]] * len(directories):
         if comm.rank == 0 and _lock is not None:
-            _link_finished(held[0])
-        return held[0]
+            _link_finished(directories[0])
+        return directories[0]
     with on_every_rank(comm, "the directory of compiled forms"):
         if comm.rank == 0 and _directory is None:
             try:
@@ -69,8 +69,8 @@ class _Announcement(logging.Filter):
         if "distutils" not in record.pathname or record.levelno >= logging.WARNING:
             return True
         if not self.said:
-            said = f"compiling finite-element forms, {self.how_often}: about 10 s"
-            print(said, file=sys.stderr, flush=True)
+            message = f"compiling finite-element forms, {self.how_often}: about 10 s"
+            print(message, file=sys.stderr, flush=True)
             self.said = True
         return False
 
@@ -112,19 +112,21 @@ def _claim_first_free(pool: Path) -> Path:
 
 def _link_finished(directory: Path) -> None:
     """Take over the forms that sessions beside this one have compiled to their end."""
-    for other in set(directory.parent.glob("forms-*")) - {directory}:
+    for neighbour in set(directory.parent.glob("forms-*")) - {directory}:
         with contextlib.suppress(OSError):  # no links here, or no longer there: compiled as ever
-            changed = other.stat().st_mtime_ns
-            if _looked_at.get(other) == changed:
+            changed = neighbour.stat().st_mtime_ns
+            if _looked_at.get(neighbour) == changed:
                 continue
-            _looked_at[other] = changed
-            here, there = set(os.listdir(directory)), os.listdir(other)
-            libraries = {name.partition(".")[0]: name for name in there if name.endswith(".so")}
-            for mark in there:
+            _looked_at[neighbour] = changed
+            names, names_of_neighbour = set(os.listdir(directory)), os.listdir(neighbour)
+            libraries = {
+                name.partition(".")[0]: name for name in names_of_neighbour if name.endswith(".so")
+            }
+            for mark in names_of_neighbour:
                 stem = mark.removesuffix(".c.cached")
-                if stem != mark and stem in libraries and f"{stem}.c" not in here:
+                if stem != mark and stem in libraries and f"{stem}.c" not in names:
                     for name in (f"{stem}.c", libraries[stem], mark):
-                        os.link(other / name, directory / name)
+                        os.link(neighbour / name, directory / name)
 
 
 def _remove_unfinished(directory: Path) -> None:

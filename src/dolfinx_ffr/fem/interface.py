@@ -75,78 +75,84 @@ class Box:
 
 
 def located(
-    domain: mesh.Mesh, what: str, where: Predicate | ArrayLike, dim: int
+    domain: mesh.Mesh, argument: str, selection: Predicate | ArrayLike, dim: int
 ) -> NDArray[np.int32]:
     """Numbers of boundary facets, or of cells, by dimension: by a predicate, numbers or a mask."""
     facets = dim < domain.topology.dim
     entities = domain.topology.index_map(dim)
     sizes = entities.size_local, entities.size_local + entities.num_ghosts
-    with on_every_rank(domain.comm, what):
-        if not callable(where):
-            found = _numbers_of(what, where, "facets" if facets else "cells", sizes)
+    with on_every_rank(domain.comm, argument):
+        if not callable(selection):
+            entities_found = _numbers_of(
+                argument, selection, "facets" if facets else "cells", sizes
+            )
         else:
-            checked(what, where, domain.geometry.x.T)
-    if callable(where):
+            checked(argument, selection, domain.geometry.x.T)
+    if callable(selection):
         locate = mesh.locate_entities_boundary if facets else mesh.locate_entities
-        found = np.asarray(locate(domain, dim, where), dtype=np.int32)
-    return found
+        entities_found = np.asarray(locate(domain, dim, selection), dtype=np.int32)
+    return entities_found
 
 
-def located_cells(domain: mesh.Mesh, what: str, where: Predicate | ArrayLike | None) -> Mask:
+def located_cells(
+    domain: mesh.Mesh, argument: str, selection: Predicate | ArrayLike | None
+) -> Mask:
     """Mask over the cells owned by this rank, true where they are selected; None selects none."""
     dim = domain.topology.dim
     n = int(domain.topology.index_map(dim).size_local)
     chosen = np.zeros(n, dtype=bool)
-    if where is not None:
-        cells = located(domain, what, where, dim)
+    if selection is not None:
+        cells = located(domain, argument, selection, dim)
         chosen[cells[cells < n]] = True
     return chosen
 
 
-def checked(what: str, predicate: Predicate, points: Array) -> Mask:
+def checked(argument: str, predicate: Predicate, points: Array) -> Mask:
     """Where a predicate holds, (points,); refused if it does not say yes or no for each.
 
     The points are of shape (3, points).
     """
     try:
-        given = predicate(points)
+        answer = predicate(points)
     except Exception as error:
-        raise ValueError(f"{what}: the predicate fails on an array of points: {error}") from error
-    validation.refuse_masked(what, given)
-    found = np.asarray(given)
-    if found.dtype != np.bool_ or found.shape != points.shape[1:]:
         raise ValueError(
-            f"{what}: the predicate must give True or False for each of {points.shape[1]} points, "
-            f"but it gives an array of shape {found.shape} of {found.dtype}; write a comparison, "
-            "as lambda x: x[0] < 0.01"
+            f"{argument}: the predicate fails on an array of points: {error}"
+        ) from error
+    validation.refuse_masked(argument, answer)
+    mask = np.asarray(answer)
+    if mask.dtype != np.bool_ or mask.shape != points.shape[1:]:
+        raise ValueError(
+            f"{argument}: the predicate must give True or False for each of {points.shape[1]} "
+            f"points, but it gives an array of shape {mask.shape} of {mask.dtype}; write a "
+            "comparison, as lambda x: x[0] < 0.01"
         )
-    return found
+    return mask
 
 
 def _numbers_of(
-    what: str, given: ArrayLike, kind: str, sizes: tuple[int, int]
+    argument: str, selection: ArrayLike, kind: str, sizes: tuple[int, int]
 ) -> NDArray[np.int32]:
     """The given numbers, or those where a mask is true; the sizes are without and with ghosts."""
-    validation.refuse_masked(what, given)
-    array = np.asarray(given)
+    validation.refuse_masked(argument, selection)
+    array = np.asarray(selection)
     if array.shape == (0,):  # a rank may have none
         return array.astype(np.int32)
     if array.dtype == np.bool_ and array.ndim == 1:
         if array.size not in sizes:
             raise ValueError(
-                f"{what}: a mask must have one entry for each of the rank's {sizes[0]} {kind} "
+                f"{argument}: a mask must have one entry for each of the rank's {sizes[0]} {kind} "
                 f"({sizes[1]} with ghosts), but it has {array.size}"
             )
         return np.flatnonzero(array).astype(np.int32)
     if array.dtype.kind not in "iu" or array.ndim != 1:
         raise TypeError(
-            f"{what} must be a predicate, numbers of {kind} or a mask over them, but it is "
-            f"{validation.described(given)}"
+            f"{argument} must be a predicate, numbers of {kind} or a mask over them, but it is "
+            f"{validation.described(selection)}"
         )
     outside = array[(array < 0) | (array >= sizes[1])]
     if outside.size:
         raise ValueError(
-            f"{what}: {kind[:-1]} {outside[0]} does not exist; the rank has the {kind} 0 to "
+            f"{argument}: {kind[:-1]} {outside[0]} does not exist; the rank has the {kind} 0 to "
             f"{sizes[1] - 1}"
         )
     return np.unique(array).astype(np.int32)
@@ -179,18 +185,18 @@ class Interface:
         The nodes of the mesh ``domain`` on this rank move by ``rates`` (nodes, dimension, k).
         """
         comm, x, d = domain.comm, domain.geometry.x, rates.shape[1]
-        own = np.abs(rates[facet_nodes(domain, self.facets).ravel()])
-        fastest = np.max(comm.allgather(np.max(own, axis=(0, 1), initial=0.0)), axis=0)
-        found, before = np.zeros(rates.shape[1:]), x.copy()
+        speeds = np.abs(rates[facet_nodes(domain, self.facets).ravel()])
+        fastest = np.max(comm.allgather(np.max(speeds, axis=(0, 1), initial=0.0)), axis=0)
+        center_rates, positions = np.zeros(rates.shape[1:]), x.copy()
         try:
             for k in np.flatnonzero(fastest):
                 step = _STEP * self.extent / fastest[k]
                 for side in (1.0, -1.0):
-                    x[:, :d] = before[:, :d] + side * step * rates[:, :, k]
-                    found[:, k] += side * _surface(domain, self.facets)[0] / (2.0 * step)
+                    x[:, :d] = positions[:, :d] + side * step * rates[:, :, k]
+                    center_rates[:, k] += side * _surface(domain, self.facets)[0] / (2.0 * step)
         finally:
-            x[:] = before
-        return found
+            x[:] = positions
+        return center_rates
 
 
 def find_interfaces(
@@ -212,10 +218,10 @@ def find_interfaces(
     domain: mesh.Mesh = space.mesh
     comm: MPI.Comm = domain.comm
     dim = domain.topology.dim
-    found: dict[str, Interface] = {}
+    by_name: dict[str, Interface] = {}
     coordinates = space.tabulate_dof_coordinates()[:, :dim]
-    for name, where in interfaces.items():
-        facets = located(domain, f"interface {name!r}", where, dim - 1)
+    for name, selection in interfaces.items():
+        facets = located(domain, f"interface {name!r}", selection, dim - 1)
         if comm.allreduce(len(facets)) == 0:
             spans = (
                 f"{axis} from {low:.6g} to {high:.6g} m"
@@ -226,13 +232,13 @@ def find_interfaces(
                 f"of the body, which spans {' and '.join(spans)}"
             )
         dofs = np.asarray(fem.locate_dofs_topological(space, dim - 1, facets), dtype=np.int32)
-        for other, taken in found.items():
-            shared = np.intersect1d(dofs, taken.dofs)
+        for earlier_name, earlier in by_name.items():
+            shared = np.intersect1d(dofs, earlier.dofs)
             if comm.allreduce(bool(len(shared)), MPI.LOR):
                 raise ShapeError(
-                    f"interfaces {other!r} and {name!r} overlap: they share nodes, and a node "
-                    "cannot follow two rigid motions; leave at least one free facet between them "
-                    "or join them into one"
+                    f"interfaces {earlier_name!r} and {name!r} overlap: they share nodes, and a "
+                    "node cannot follow two rigid motions; leave at least one free facet between "
+                    "them or join them into one"
                 )
         extent = float(np.linalg.norm(np.ptp(np.vstack(comm.allgather(coordinates[dofs])), axis=0)))
         if not extent > 0.0:
@@ -242,10 +248,12 @@ def find_interfaces(
         center, axis = _surface(domain, facets)
         if name in centers:
             expected = "two components" if dim == 2 else "three components"
-            what = f"interface {name!r}: center"
-            center = validation.real_array(what, centers[name], (dim,), expected=expected).copy()
-        found[name] = Interface(name, facets, dofs, center, extent, axis)
-    return found
+            argument = f"interface {name!r}: center"
+            center = validation.real_array(
+                argument, centers[name], (dim,), expected=expected
+            ).copy()
+        by_name[name] = Interface(name, facets, dofs, center, extent, axis)
+    return by_name
 
 
 def refuse_whole_edge(domain: mesh.Mesh, interfaces: Mapping[str, Interface]) -> None:
@@ -301,15 +309,15 @@ def _moments(domain: mesh.Mesh, facets: NDArray[np.int32]) -> tuple[float, Array
     tags = mesh.meshtags(domain, dim - 1, np.sort(facets), np.ones(len(facets), dtype=np.int32))
     ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
     x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
-    parts = [1.0, *(x[i] for i in range(dim))]
+    integrands = [1.0, *(x[i] for i in range(dim))]
     if dim == 3:
-        parts += [n[i] for i in range(dim)]
-        parts += [n[i] * n[j] for i in range(dim) for j in range(i, dim)]
+        integrands += [n[i] for i in range(dim)]
+        integrands += [n[i] * n[j] for i in range(dim) for j in range(i, dim)]
     # one form for all of them: each would be compiled by itself
-    weights = fem.Constant(domain, np.zeros(len(parts)))
-    form = fem.form(sum(weights[k] * part for k, part in enumerate(parts)) * ds)
+    weights = fem.Constant(domain, np.zeros(len(integrands)))
+    form = fem.form(sum(weights[k] * integrand for k, integrand in enumerate(integrands)) * ds)
     moments = []
-    for row in np.eye(len(parts)):
+    for row in np.eye(len(integrands)):
         weights.value = row
         moments.append(domain.comm.allreduce(fem.assemble_scalar(form)))
     size, *moments = moments
@@ -343,12 +351,12 @@ def nearest_circle(points: Array, accuracy: float) -> tuple[Array, float] | None
 
 def fit_circle(points: Array) -> Array | None:
     """The centre (2,) of the circle of points (n, 2); None for fewer than five or under a sixth."""
-    found, offset = nearest_circle(points, ROUND), points - points.mean(axis=0)
+    circle, offset = nearest_circle(points, ROUND), points - points.mean(axis=0)
     extent = float(np.max(np.linalg.norm(offset, axis=1)))
     # the chord of a sixth of the circle is as long as the radius; these points extend to its half
-    if found is None or found[1] > 2.0 * (1.0 + ROUND) * extent:
+    if circle is None or circle[1] > 2.0 * (1.0 + ROUND) * extent:
         return None
-    return found[0] if len(np.unique(np.round(offset / extent, 9), axis=0)) >= FEWEST else None
+    return circle[0] if len(np.unique(np.round(offset / extent, 9), axis=0)) >= FEWEST else None
 
 
 def fit_cylinder(points: Array, axis: Array) -> tuple[Array, Array] | None:

@@ -42,10 +42,12 @@ def closed_outline(
     """
     named = named or {}
     _refuse_unknown_names(source, drawn, named)
-    line_types = sorted({each.line_type for each in drawn if each.line_type})
+    line_types = sorted({curve.line_type for curve in drawn if curve.line_type})
     note = f"; curves of the line types {', '.join(line_types)}, which have gaps, do not count"
     try:
-        return _drawing([each for each in drawn if not each.line_type], source, named, inside, gap)
+        return _drawing(
+            [curve for curve in drawn if not curve.line_type], source, named, inside, gap
+        )
     except ValueError as error:
         if line_types:
             raise ValueError(f"{error}{note}") from error
@@ -62,18 +64,20 @@ def _drawing(
     """The faces of `closed_outline`, of curves that all count."""
     extent = 0.0
     if drawn:
-        extent = float(np.max(np.ptp(samples([each.curve for each in drawn]), axis=0)))
-    near, fine = JOINED * extent, _FINE * extent
-    long_enough = [each for each in drawn if each.curve.length > near]
+        extent = float(
+            np.max(np.ptp(samples([drawn_curve.curve for drawn_curve in drawn]), axis=0))
+        )
+    tolerance, fine = JOINED * extent, _FINE * extent
+    long_enough = [drawn_curve for drawn_curve in drawn if drawn_curve.curve.length > tolerance]
     if not long_enough:
         raise ValueError(f"{source}: it holds no curve that has a length")
 
-    once = _once(long_enough, near)
-    curves, nodes = _joined([each.curve for each in once], near)
+    once = _once(long_enough, tolerance)
+    curves, nodes = _joined([drawn_curve.curve for drawn_curve in once], tolerance)
     curves, nodes = _bridged(curves, nodes, fine if gap is None else gap)
     without_curls = _without_curls(source, curves, nodes)
     once = [replace(once[i], curve=curves[i]) for i in without_curls]
-    curves, nodes = [each.curve for each in once], [nodes[i] for i in without_curls]
+    curves, nodes = [drawn_curve.curve for drawn_curve in once], [nodes[i] for i in without_curls]
 
     closed = _closed(nodes)
     loops = _loops(nodes, closed)
@@ -98,13 +102,13 @@ def _refuse_unknown_names(
     source: str, drawn: Sequence[Drawn], named: Mapping[str, str | Bore]
 ) -> None:
     """Refuse interfaces of layers that no curve is on."""
-    known = frozenset[str]().union(*(each.names for each in drawn))
-    wanted = [where for where in named.values() if isinstance(where, str)]
-    missing = [name for name in wanted if name not in known]
+    layers = frozenset[str]().union(*(curve.names for curve in drawn))
+    asked_layers = [place for place in named.values() if isinstance(place, str)]
+    missing = [name for name in asked_layers if name not in layers]
     if missing:
         raise ValueError(
             f"{source}: no curve has the name {', '.join(map(repr, missing))}; its layers "
-            f"are {sorted(known) or 'none'}"
+            f"are {sorted(layers) or 'none'}"
         )
 
 
@@ -124,20 +128,20 @@ def _grouped(
     ]
     used = sorted({i for face in drawing.faces for loop in face.loops for i, _ in loop})
     groups = dict.fromkeys(used, "")
-    for name, where in named.items():
-        if isinstance(where, Bore):
-            members = _bore(source, name, where, holes)
+    for name, place in named.items():
+        if isinstance(place, Bore):
+            members = _bore(source, name, place, holes)
         else:
-            members = [i for i in used if where in drawn[i].names]
+            members = [i for i in used if place in drawn[i].names]
         if not members:
             raise ValueError(
-                f"{source}: interface {name!r}: no curve of the outline itself is on {where!r}"
+                f"{source}: interface {name!r}: no curve of the outline itself is on {place!r}"
             )
-        taken = {groups[i] for i in members} - {""}
-        if taken:
+        other_groups = {groups[i] for i in members} - {""}
+        if other_groups:
             raise ValueError(
-                f"{source}: the interfaces {taken.pop()!r} and {name!r} overlap: they have a curve "
-                "in common; give each layers or places of its own, or join them into one"
+                f"{source}: the interfaces {other_groups.pop()!r} and {name!r} overlap: they have "
+                "a curve in common; give each layers or places of its own, or join them into one"
             )
         groups |= dict.fromkeys(members, name)
     new = {i: k for k, i in enumerate(used)}
@@ -160,10 +164,10 @@ def _bore(
     around = [(shape.area, loop) for shape, loop in holes if shape.contains(point)]
     if not around:
         middles = [_point(np.array(shape.centroid.coords[0])) for shape, _ in holes[:_LISTED]]
-        more = ", ..." if len(holes) > _LISTED else ""
+        ellipsis = ", ..." if len(holes) > _LISTED else ""
         raise ValueError(
             f"{source}: interface {name!r}: the point {_point(np.array(bore.at))} lies in no bore; "
-            f"its bores have their middles at {', '.join(middles) or 'no place'}{more}"
+            f"its bores have their middles at {', '.join(middles) or 'no place'}{ellipsis}"
         )
     return [i for i, _ in min(around, key=lambda each: each[0])[1]]
 
@@ -173,30 +177,30 @@ def samples(curves: Sequence[Curve]) -> Array:
     return np.concatenate([curve.at(np.linspace(0.0, 1.0, 5)) for curve in curves])
 
 
-def _once(drawn: Sequence[Drawn], near: float) -> list[Drawn]:
+def _once(drawn: Sequence[Drawn], tolerance: float) -> list[Drawn]:
     """Curves without those that lie on others, whose names go to these."""
-    marks = samples([each.curve for each in drawn]).reshape(-1, 5, 2)
+    marks = samples([curve.curve for curve in drawn]).reshape(-1, 5, 2)
     tree = cKDTree(marks[:, 2])
-    found: list[Drawn | None] = list(drawn)
-    for i, j in sorted(tree.query_pairs(2.0 * near)):
-        one, other = found[i], found[j]
-        if one is None or other is None:
+    distinct: list[Drawn | None] = list(drawn)
+    for i, j in sorted(tree.query_pairs(2.0 * tolerance)):
+        curve_i, curve_j = distinct[i], distinct[j]
+        if curve_i is None or curve_j is None:
             continue
         gaps = [np.max(np.abs(marks[i] - mark)) for mark in (marks[j], marks[j][::-1])]
-        if min(gaps) < 2.0 * near:
-            found[i], found[j] = replace(one, names=one.names | other.names), None
-    return [each for each in found if each is not None]
+        if min(gaps) < 2.0 * tolerance:
+            distinct[i], distinct[j] = replace(curve_i, names=curve_i.names | curve_j.names), None
+    return [curve for curve in distinct if curve is not None]
 
 
-def _joined(curves: Sequence[Curve], near: float) -> tuple[list[Curve], list[tuple[int, int]]]:
+def _joined(curves: Sequence[Curve], tolerance: float) -> tuple[list[Curve], list[tuple[int, int]]]:
     """The curves with common ends, and the numbers of the ends."""
     ends = np.array([end for curve in curves for end in (curve.start, curve.end)])
-    pairs = cKDTree(ends).query_pairs(near, output_type="ndarray").reshape(-1, 2)
+    pairs = cKDTree(ends).query_pairs(tolerance, output_type="ndarray").reshape(-1, 2)
     label = connected(pairs, len(ends))
     positions = ends[np.unique(label, return_index=True)[1]]
     nodes = [(a, b) for a, b in label.reshape(-1, 2).tolist()]
-    found = [c.moved(*positions[[*ns]]) for c, ns in zip(curves, nodes, strict=True)]
-    return found, nodes
+    moved = [c.moved(*positions[[*ns]]) for c, ns in zip(curves, nodes, strict=True)]
+    return moved, nodes
 
 
 def _bridged(
@@ -212,18 +216,18 @@ def _bridged(
     loose = np.flatnonzero(degree == 1)
     if len(loose) < 2:
         return list(curves), list(nodes)
-    where = np.array([positions[n] for n in loose])
-    distance, nearest = cKDTree(where).query(where, k=2)
+    positions_of_loose = np.array([positions[n] for n in loose])
+    distance, nearest = cKDTree(positions_of_loose).query(positions_of_loose, k=2)
     # of points at the same place the first neighbour may be either
-    other = np.where(nearest[:, 0] == np.arange(len(loose)), nearest[:, 1], nearest[:, 0])
+    partner = np.where(nearest[:, 0] == np.arange(len(loose)), nearest[:, 1], nearest[:, 0])
     # a short curve is no closed one
     short = {frozenset(ns) for c, ns in zip(curves, nodes, strict=True) if c.length <= 2.0 * gap}
     renamed = {}
-    for i, j in enumerate(other.tolist()):
+    for i, j in enumerate(partner.tolist()):
         pair = int(loose[i]), int(loose[j])
-        if i < j and other[j] == i and distance[i, 1] <= gap and frozenset(pair) not in short:
+        if i < j and partner[j] == i and distance[i, 1] <= gap and frozenset(pair) not in short:
             renamed[pair[1]] = pair[0]
-            positions[pair[0]] = 0.5 * (where[i] + where[j])
+            positions[pair[0]] = 0.5 * (positions_of_loose[i] + positions_of_loose[j])
     joined = [(renamed.get(a, a), renamed.get(b, b)) for a, b in nodes]
     moved = [
         curve.moved(positions[a], positions[b])
@@ -239,14 +243,14 @@ def _without_curls(
 
     A curl is a closed curve that hangs on a corner of two others, and is shorter than both.
     """
-    at: dict[int, list[int]] = {}
+    curves_at: dict[int, list[int]] = {}
     for i, ends in enumerate(nodes):
         for node in ends:
-            at.setdefault(node, []).append(i)
+            curves_at.setdefault(node, []).append(i)
     curls = []
-    for i, (first, last) in enumerate(nodes):
-        sides = [curves[j].length for j in at[first] if j != i]
-        if first == last and len(sides) == 2 and curves[i].length < min(sides):
+    for i, (start, end) in enumerate(nodes):
+        sides = [curves[j].length for j in curves_at[start] if j != i]
+        if start == end and len(sides) == 2 and curves[i].length < min(sides):
             curls.append(i)
     if curls:
         longest = max(curls, key=lambda i: curves[i].length)
@@ -269,26 +273,26 @@ def _closed(nodes: Sequence[tuple[int, int]]) -> list[int]:
 
 def _refuse_open(source: str, drawn: Sequence[Drawn], nodes: Sequence[tuple[int, int]]) -> None:
     """Refuse curves that end alone, or of which more than two meet."""
-    at: dict[int, list[tuple[Array, Drawn]]] = {}
-    for each, ends in zip(drawn, nodes, strict=True):
-        for node, end in zip(ends, (each.curve.start, each.curve.end), strict=True):
-            at.setdefault(node, []).append((end, each))
-    loose = [ends[0] for ends in at.values() if len(ends) == 1]
+    ends_at: dict[int, list[tuple[Array, Drawn]]] = {}
+    for curve, ends in zip(drawn, nodes, strict=True):
+        for node, end in zip(ends, (curve.curve.start, curve.curve.end), strict=True):
+            ends_at.setdefault(node, []).append((end, curve))
+    loose = [ends[0] for ends in ends_at.values() if len(ends) == 1]
     if loose:
-        where, gap = np.array([end for end, _ in loose]), ""
+        positions, gap = np.array([end for end, _ in loose]), ""
         if len(loose) > 1:
-            distance = float(cKDTree(where).query(where[0], k=2)[0][1])
+            distance = float(cKDTree(positions).query(positions[0], k=2)[0][1])
             gap = f", {1e3 * distance:.3g} mm from the nearest other end"
         raise ValueError(
             f"{source}: the outline is open: {len(loose)} curves end where no other begins, the "
-            f"first at {_point(where[0])}{_on([loose[0][1]])}{gap}; close it, give a larger gap=, "
-            "or name the layers of the outline by layers=[...]"
+            f"first at {_point(positions[0])}{_on([loose[0][1]])}{gap}; close it, give a "
+            "larger gap=, or name the layers of the outline by layers=[...]"
         )
-    several = [ends for ends in at.values() if len(ends) > 2]
+    several = [ends for ends in ends_at.values() if len(ends) > 2]
     if several:
         raise ValueError(
             f"{source}: {len(several[0])} curves meet at {_point(several[0][0][0])}"
-            f"{_on([each for _, each in several[0]])}, where an outline has two; delete what is "
+            f"{_on([curve for _, curve in several[0]])}, where an outline has two; delete what is "
             "no outline, as inner lines and axes, or name the layers of the outline by "
             "layers=[...]"
         )
@@ -296,27 +300,27 @@ def _refuse_open(source: str, drawn: Sequence[Drawn], nodes: Sequence[tuple[int,
 
 def _on(drawn: Sequence[Drawn]) -> str:
     """The names of some curves, for a message."""
-    names = sorted(frozenset[str]().union(*(each.names for each in drawn)))
+    names = sorted(frozenset[str]().union(*(curve.names for curve in drawn)))
     return f" (on {', '.join(map(repr, names))})" if names else ""
 
 
 def _loops(nodes: Sequence[tuple[int, int]], chosen: Sequence[int]) -> list[list[tuple[int, bool]]]:
     """Closed loops of the chosen curves: their numbers, and whether each is walked forward."""
-    at: dict[int, list[int]] = {}
+    curves_at: dict[int, list[int]] = {}
     for i in chosen:
         for node in nodes[i]:
-            at.setdefault(node, []).append(i)
-    left, found = set(chosen), []
-    for here in chosen:
-        node, loop = nodes[here][0], []
-        while here in left:
-            left.discard(here)
-            forward = nodes[here][0] == node
-            loop.append((here, forward))
-            node = nodes[here][1 if forward else 0]
-            here = next((i for i in at[node] if i in left), -1)
-        found += [loop] if loop else []
-    return found
+            curves_at.setdefault(node, []).append(i)
+    unused, loops_found = set(chosen), []
+    for current in chosen:
+        node, loop = nodes[current][0], []
+        while current in unused:
+            unused.discard(current)
+            forward = nodes[current][0] == node
+            loop.append((current, forward))
+            node = nodes[current][1 if forward else 0]
+            current = next((i for i in curves_at[node] if i in unused), -1)
+        loops_found += [loop] if loop else []
+    return loops_found
 
 
 def _face_around(
@@ -354,22 +358,26 @@ def _face_around(
     region = shapely.Polygon(lines[outer], [lines[i] for i in holes])
     for i, line in enumerate(lines):
         ring = shapely.LinearRing(line) if len(line) > 2 else shapely.LineString(line)
-        others = [shapes[j].exterior for j in chosen if j != i] if i in chosen else [region]
-        crossed = [ring.intersection(other) for other in others if ring.intersects(other)]
+        boundaries = [shapes[j].exterior for j in chosen if j != i] if i in chosen else [region]
+        crossed = [
+            ring.intersection(boundary) for boundary in boundaries if ring.intersects(boundary)
+        ]
         if crossed:
-            where = _point(shapely.get_coordinates(crossed[0])[0])
+            position = _point(shapely.get_coordinates(crossed[0])[0])
             raise ValueError(
-                f"{source}: two closed curves of the outline cross or touch at {where}; trim them "
-                "to one boundary, or name the layers of the outline by layers=[...]"
+                f"{source}: two closed curves of the outline cross or touch at {position}; trim "
+                "them to one boundary, or name the layers of the outline by layers=[...]"
             )
     return Face("design", turned)
 
 
-def _meeting(face: Face, curves: Sequence[Curve], others: Sequence[int], fine: float) -> list[int]:
+def _meeting(
+    face: Face, curves: Sequence[Curve], candidates: Sequence[int], fine: float
+) -> list[int]:
     """Of other curves the numbers of those that meet a face."""
     outer, *holes = (polygon(walked(curves, loop), fine) for loop in face.loops)
     region = shapely.Polygon(outer, holes)
-    return [i for i in others if region.intersects(shapely.LineString(curves[i].points(fine)))]
+    return [i for i in candidates if region.intersects(shapely.LineString(curves[i].points(fine)))]
 
 
 def _turned(
@@ -390,16 +398,16 @@ def _faces(
     rings = [shape.exterior for shape in shapes]
     for i, j in shapely.STRtree(rings).query(rings, predicate="intersects").T:
         if i != j:
-            where = shapely.get_coordinates(rings[i].intersection(rings[j]))[0]
+            position = shapely.get_coordinates(rings[i].intersection(rings[j]))[0]
             raise ValueError(
                 f"{source}: two closed curves of the outline cross or touch at "
-                f"{_point(where)}; trim them to one boundary"
+                f"{_point(position)}; trim them to one boundary"
             )
     inner, outer = shapely.STRtree(shapes).query(shapes, predicate="within")
-    other = inner != outer
-    depth = np.bincount(inner[other], minlength=len(shapes))
+    distinct = inner != outer
+    depth = np.bincount(inner[distinct], minlength=len(shapes))
     holes: dict[int, list[int]] = {i: [] for i in range(len(shapes)) if depth[i] % 2 == 0}
-    for j, i in zip(inner[other], outer[other], strict=True):
+    for j, i in zip(inner[distinct], outer[distinct], strict=True):
         if i in holes and depth[j] == depth[i] + 1:
             holes[i].append(j)
 
@@ -420,12 +428,12 @@ def _shape(source: str, ring: Array) -> shapely.Polygon:
     if not fault and not shape.is_valid:
         reason = shapely.is_valid_reason(shape)  # "Self-intersection[x y]"
         numbers = reason.partition("[")[2].strip("]").split()
-        where = _point(np.array(numbers, dtype=float)) if len(numbers) == 2 else reason
-        fault = f"crosses itself at {where}"
+        position = _point(np.array(numbers, dtype=float)) if len(numbers) == 2 else reason
+        fault = f"crosses itself at {position}"
     if fault:
         raise ValueError(f"{source}: the outline {fault}; repair it in the drawing")
     return shape
 
 
-def _point(where: Array) -> str:
-    return f"({1e3 * where[0]:.6g}, {1e3 * where[1]:.6g}) mm"
+def _point(position: Array) -> str:
+    return f"({1e3 * position[0]:.6g}, {1e3 * position[1]:.6g}) mm"

@@ -119,8 +119,10 @@ class _LinearElastic:
     @property
     def lame(self) -> tuple[float, float]:
         """Lame's constants of the problem (lambda, mu) [Pa]."""
-        first = self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
-        return first, self.young / (2.0 * (1.0 + self.poisson))
+        lame_lambda = (
+            self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
+        )
+        return lame_lambda, self.young / (2.0 * (1.0 + self.poisson))
 
     def on(self, domain: mesh.Mesh) -> BoundMaterial:
         """This material as UFL on the mesh ``domain``."""
@@ -176,8 +178,8 @@ class PlaneStress(_LinearElastic):
     @property
     def lame(self) -> tuple[float, float]:
         """Lame's constants of the plane problem (lambda, mu) [Pa]."""
-        first = self.young * self.poisson / (1.0 - self.poisson**2)
-        return first, self.young / (2.0 * (1.0 + self.poisson))
+        lame_lambda = self.young * self.poisson / (1.0 - self.poisson**2)
+        return lame_lambda, self.young / (2.0 * (1.0 + self.poisson))
 
 
 class MassLaw(Protocol):

@@ -36,11 +36,11 @@ def check_cells(domain: mesh.Mesh) -> None:
     bad = int(domain.comm.allreduce(int(np.count_nonzero(folded))))
     if bad:
         nodes = _compat.cell_geometry(domain)[cells[folded]]
-        where = [_point(p[:, :dim].mean(axis=0)) for p in domain.geometry.x[nodes[:3]]]
-        where = [p for part in domain.comm.allgather(where) for p in part][:3]
+        positions = [_point(p[:, :dim].mean(axis=0)) for p in domain.geometry.x[nodes[:3]]]
+        positions = [p for of_rank in domain.comm.allgather(positions) for p in of_rank][:3]
         raise ShapeError(
             f"mesh: {bad} cells are inverted or without {'volume' if dim == 3 else 'area'}, the "
-            f"first near {', '.join(where)} m; "
+            f"first near {', '.join(positions)} m; "
             "repair the mesh (in gmsh: another algorithm, or straighter high-order cells)"
         )
 
@@ -52,15 +52,15 @@ def check_hanging_nodes(domain: mesh.Mesh) -> None:
     direction = segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(direction, axis=1)
     vertices = segments.reshape(-1, segments.shape[2])
-    near = cKDTree(vertices).query_ball_point(middle, 0.499 * length)
-    which = np.repeat(np.arange(len(near)), [len(own) for own in near])
-    found = vertices[np.concatenate([*near, []]).astype(np.int64)]
-    offset, along = found - middle[which], (direction / length[:, None])[which]
+    neighbours = cKDTree(vertices).query_ball_point(middle, 0.499 * length)
+    segment = np.repeat(np.arange(len(neighbours)), [len(numbers) for numbers in neighbours])
+    nearby = vertices[np.concatenate([*neighbours, []]).astype(np.int64)]
+    offset, along = nearby - middle[segment], (direction / length[:, None])[segment]
     off = offset - np.einsum("ij,ij->i", offset, along)[:, None] * along
-    hits = np.flatnonzero(np.linalg.norm(off, axis=1) < 1e-9 * length[which])
+    hits = np.flatnonzero(np.linalg.norm(off, axis=1) < 1e-9 * length[segment])
     if len(hits):
         raise ShapeError(
-            f"mesh: hanging node at {_point(found[hits[0]])} m, in the middle of another cell's "
+            f"mesh: hanging node at {_point(nearby[hits[0]])} m, in the middle of another cell's "
             "edge; refine so that neighbouring cells share whole edges"
         )
 
@@ -89,31 +89,31 @@ def floating_cells(
     domain: mesh.Mesh, cells: Mask, facets: Sequence[NDArray[np.int32]]
 ) -> tuple[Mask, int, int]:
     """Those of ``cells`` without an interface; numbers of such pieces and of all."""
-    whole = _compat.entity_vertices(domain, domain.topology.dim)
-    table = whole[: len(cells)][cells]
+    all_cells = _compat.entity_vertices(domain, domain.topology.dim)
+    table = all_cells[: len(cells)][cells]
     vertex_map = domain.topology.index_map(0)
-    n_local = int(whole.max(initial=-1)) + 1
+    n_local = int(all_cells.max(initial=-1)) + 1
     global_vertices = vertex_map.local_to_global(np.arange(n_local, dtype=np.int32))
-    held = np.zeros(n_local, dtype=bool)
+    is_held = np.zeros(n_local, dtype=bool)
     facet_vertices = _compat.entity_vertices(domain, domain.topology.dim - 1)
-    for part in facets:
-        held[facet_vertices[part].ravel()] = True
+    for facets_of_interface in facets:
+        is_held[facet_vertices[facets_of_interface].ravel()] = True
     # within a rank by cells; across ranks by shared vertices, each joined to one of its piece
     rows = np.repeat(table[:, :1].ravel(), max(table.shape[1] - 1, 0))
     piece = connected(np.column_stack([rows, table[:, 1:].ravel()]), n_local)
     n = int(vertex_map.size_global)
-    first = np.full(piece.max(initial=-1) + 1, n, dtype=np.int64)
-    np.minimum.at(first, piece, global_vertices)
+    first_vertex = np.full(piece.max(initial=-1) + 1, n, dtype=np.int64)
+    np.minimum.at(first_vertex, piece, global_vertices)
     comm = domain.comm
-    edges = np.vstack(comm.allgather(np.column_stack([global_vertices, first[piece]])))
+    edges = np.vstack(comm.allgather(np.column_stack([global_vertices, first_vertex[piece]])))
     label = connected(edges, n)
     # a vertex without any of the cells is a component of its own, and no piece
-    own = label[global_vertices[table[:, :1].ravel()]]
-    pieces = np.unique(np.concatenate(comm.allgather(np.unique(own))))
-    held_pieces = label[np.concatenate(comm.allgather(global_vertices[held]))]
+    piece_of_cell = label[global_vertices[table[:, :1].ravel()]]
+    pieces = np.unique(np.concatenate(comm.allgather(np.unique(piece_of_cell))))
+    held_pieces = label[np.concatenate(comm.allgather(global_vertices[is_held]))]
     floats = ~np.isin(pieces, held_pieces)
     result = np.zeros(len(cells), dtype=bool)
-    result[cells] = np.isin(own, pieces[floats])
+    result[cells] = np.isin(piece_of_cell, pieces[floats])
     return result, int(np.count_nonzero(floats)), len(pieces)
 
 

@@ -78,15 +78,17 @@ class TaggedMesh:
         """The names of the physical curves (``dim`` 1), surfaces (2) or volumes (3)."""
         return sorted(name for d, name in self.numbers if d == dim)
 
-    def called(self, dim: int, what: str, given: Any) -> list[str]:
+    def called(self, dim: int, argument: str, groups: Any) -> list[str]:
         """The names of groups of dimension ``dim`` that are given by names or numbers."""
-        if isinstance(given, str):
-            return validation.names(what, given)  # a text alone is refused
+        if isinstance(groups, str):
+            return validation.names(argument, groups)  # a text alone is refused
         names = {tag: name for (d, name), tag in self.numbers.items() if d == dim}
-        entries = validation.listed(what, given, "a list of names or numbers of physical groups")
+        entries = validation.listed(
+            argument, groups, "a list of names or numbers of physical groups"
+        )
         numbers = [isinstance(e, int | np.integer) and not isinstance(e, bool) for e in entries]
         return validation.names(
-            what,
+            argument,
             [
                 names.get(int(entry), str(entry)) if number else entry
                 for entry, number in zip(entries, numbers, strict=True)
@@ -139,8 +141,8 @@ def _opened(path: Path, stack: ExitStack) -> Any:
         if len(tags) and np.max(tags) != len(tags):  # a mesh of DOLFINx has no gaps in them
             gmsh.model.mesh.renumberNodes()
     except Exception as exc:
-        told = str(exc).replace(str(copy), str(path))
-        raise ValueError(f"{path} is not a mesh that gmsh can read: {told}") from exc
+        message = str(exc).replace(str(copy), str(path))
+        raise ValueError(f"{path} is not a mesh that gmsh can read: {message}") from exc
     return gmsh.model
 
 
@@ -152,9 +154,9 @@ def _try_to_read(copy: Path, path: Path, module: str) -> None:
     patience = _PATIENCE + copy.stat().st_size / 1e6
     # the process is no rank of MPI, and must not take itself for one
     clean = {name: value for name, value in os.environ.items() if not name.startswith(_RANK)}
-    given = [str(Path(module).parent), str(copy), str(available_memory())]
+    arguments = [str(Path(module).parent), str(copy), str(available_memory())]
     # -I: modules in the working directory, where the mesh may have come with some, are not imported
-    command = [sys.executable, "-I", "-c", _TRIAL, *given]
+    command = [sys.executable, "-I", "-c", _TRIAL, *arguments]
     fault = ""
     try:
         trial = subprocess.run(
@@ -168,8 +170,8 @@ def _try_to_read(copy: Path, path: Path, module: str) -> None:
         if trial.returncode < 0:
             fault = f"gmsh crashes (signal {-trial.returncode})"
         elif trial.returncode > 0:
-            *_, last = trial.stderr.decode(errors="replace").splitlines() or [""]
-            reason = last.partition(": ")[2].replace(str(copy), str(path))
+            *_, last_line = trial.stderr.decode(errors="replace").splitlines() or [""]
+            reason = last_line.partition(": ")[2].replace(str(copy), str(path))
             fault = reason or "it gives no reason"
     except subprocess.TimeoutExpired:
         fault = f"it is not done after {patience:.0f} s"
@@ -190,17 +192,17 @@ def _groups(model: Any, source: str) -> tuple[Groups, Integers]:
             f"{source}: needs physical groups of {facet}s (interfaces) and of {cell}s (material); "
             f"it has the {facet}s {names[dim - 1] or 'none'} and the {cell}s {names[dim] or 'none'}"
         )
-    for _, part in model.getEntities(dim):
-        tags = model.getPhysicalGroupsForEntity(dim, part)
+    for _, entity in model.getEntities(dim):
+        tags = model.getPhysicalGroupsForEntity(dim, entity)
         if len(tags) > 1:
             several = sorted(_name(model, dim, tag) for tag in tags)
             raise ValueError(
-                f"{source}: {cell} {part} belongs to the physical {cell}s {several}, and "
+                f"{source}: {cell} {entity} belongs to the physical {cell}s {several}, and "
                 "its cells would count more than once; leave it in one of them"
             )
-        if len(tags) and not len(model.mesh.getElementTypes(dim, part)):
+        if len(tags) and not len(model.mesh.getElementTypes(dim, entity)):
             raise ValueError(
-                f"{source}: {cell} {part} has no mesh; call gmsh.model.mesh.generate({dim}) first"
+                f"{source}: {cell} {entity} has no mesh; call gmsh.model.mesh.generate({dim}) first"
             )
     used = _checked_cells(model, dim, source)
     _check_facets(model, dim, source, used)
@@ -233,8 +235,8 @@ def _name(model: Any, dim: int, tag: int) -> str:
 def _parts(model: Any, dim: int) -> Iterator[tuple[int, str]]:
     """The entities in physical groups of a dimension, and the names of their groups."""
     for _, group in model.getPhysicalGroups(dim):
-        for part in model.getEntitiesForPhysicalGroup(dim, group):
-            yield int(part), _name(model, dim, group)
+        for entity in model.getEntitiesForPhysicalGroup(dim, group):
+            yield int(entity), _name(model, dim, group)
 
 
 def _checked_cells(model: Any, dim: int, source: str) -> Integers:
@@ -242,24 +244,24 @@ def _checked_cells(model: Any, dim: int, source: str) -> Integers:
     kinds: dict[str, str] = {}
     nodes: dict[int, list[Integers]] = {}
     corners, sides = [], []
-    for part, name in _parts(model, dim):
-        for kind, found in zip(*model.mesh.getElements(dim, part)[::2], strict=True):
-            what, _, order, count, _, vertices = model.mesh.getElementProperties(kind)
+    for entity, name in _parts(model, dim):
+        for kind, node_tags in zip(*model.mesh.getElements(dim, entity)[::2], strict=True):
+            kind_name, _, order, count, _, vertices = model.mesh.getElementProperties(kind)
             if kind not in CELLS_TAKEN and kind not in COMPLETE:
                 raise ValueError(
-                    f"{source}: the cells of {name!r} are of the kind {what}, of order {order}; "
-                    "taken are triangles, quadrilaterals and tetrahedra of order 1 to 3 and "
-                    "hexahedra of order 1 and 2: mesh it with order 2 (Mesh.ElementOrder)"
+                    f"{source}: the cells of {name!r} are of the kind {kind_name}, of order "
+                    f"{order}; taken are triangles, quadrilaterals and tetrahedra of order 1 to 3 "
+                    "and hexahedra of order 1 and 2: mesh it with order 2 (Mesh.ElementOrder)"
                 )
-            kinds.setdefault(what, name)
-            own = np.asarray(found, dtype=np.int64)
-            nodes.setdefault(part, []).append(own)
-            corners.append(own.reshape(-1, count)[:, :vertices])
+            kinds.setdefault(kind_name, name)
+            cell_nodes = np.asarray(node_tags, dtype=np.int64)
+            nodes.setdefault(entity, []).append(cell_nodes)
+            corners.append(cell_nodes.reshape(-1, count)[:, :vertices])
             if dim == 2:
-                side, width = model.mesh.getElementEdgeNodes(kind, part, primary=True), 2
+                side, width = model.mesh.getElementEdgeNodes(kind, entity, primary=True), 2
             else:
                 width = 3 if vertices == 4 else 4
-                side = model.mesh.getElementFaceNodes(kind, width, part, primary=True)
+                side = model.mesh.getElementFaceNodes(kind, width, entity, primary=True)
             sides.append(np.asarray(side, dtype=np.int64).reshape(-1, width))
     if len(kinds) > 1:
         mixed = " and ".join(f"{kind} ({name!r})" for kind, name in sorted(kinds.items()))
@@ -277,31 +279,35 @@ def _checked_cells(model: Any, dim: int, source: str) -> Integers:
         )
     if dim == 2:
         points = np.reshape(positions, (-1, 3))[np.argsort(tags)]
-        for part, own_nodes in nodes.items():
-            _check_plane(points[np.concatenate(own_nodes) - 1], part, source)
+        for entity, nodes_by_kind in nodes.items():
+            _check_plane(points[np.concatenate(nodes_by_kind) - 1], entity, source)
     cells = np.sort(np.concatenate(corners), axis=1)
     if np.any(cells[:, 1:] == cells[:, :-1]):
         raise ValueError(f"{source}: a cell has the same node twice; mesh it again")
     facets = np.sort(np.concatenate(sides), axis=1)
     facets = facets[np.lexsort(facets.T)]
-    same = np.all(facets[1:] == facets[:-1], axis=1)
-    if np.any(same[1:] & same[:-1]):
+    repeated = np.all(facets[1:] == facets[:-1], axis=1)
+    if np.any(repeated[1:] & repeated[:-1]):
         raise ValueError(
             f"{source}: more than two cells share a side, so some lie on each other; mesh it again"
         )
-    return np.unique(np.concatenate([each for of in nodes.values() for each in of]))
+    return np.unique(
+        np.concatenate(
+            [nodes_of_kind for of_entity in nodes.values() for nodes_of_kind in of_entity]
+        )
+    )
 
 
 def _check_facets(model: Any, dim: int, source: str, nodes: Integers) -> None:
     """Refuse facets in physical groups that are no facets of cells, by the nodes of the cells."""
     facet, cell = KINDS[dim - 1 : dim + 1]
-    for part, name in _parts(model, dim - 1):
-        for found in model.mesh.getElements(dim - 1, part)[2]:
-            if not np.all(np.isin(found, nodes)):
+    for entity, name in _parts(model, dim - 1):
+        for node_tags in model.mesh.getElements(dim - 1, entity)[2]:
+            if not np.all(np.isin(node_tags, nodes)):
                 raise ValueError(
-                    f"{source}: {facet} {part} of the physical {facet} {name!r} is no boundary of "
-                    f"the physical {cell}s: a body is of {cell}s alone; leave it out, or join it "
-                    "to them (fragment) before meshing"
+                    f"{source}: {facet} {entity} of the physical {facet} {name!r} is no boundary "
+                    f"of the physical {cell}s: a body is of {cell}s alone; leave it out, or join "
+                    "it to them (fragment) before meshing"
                 )
 
 

@@ -51,22 +51,22 @@ def private_copy(path: Path) -> Iterator[Path]:
         copy = Path(folder) / "mesh.msh"
         shutil.copyfile(path, copy)
         with open(copy, "rb") as file:
-            first, second = file.readline(_LINE), file.readline(_LINE)
-            _check_head(first, second, path)
+            head, second = file.readline(_LINE), file.readline(_LINE)
+            _check_head(head, second, path)
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
                 _check_counts(content, second, path)
         yield copy
 
 
-def _check_head(first: bytes, second: bytes, path: Path) -> None:
+def _check_head(head_line: bytes, second: bytes, path: Path) -> None:
     """Refuse a file whose first two lines are not those of a mesh."""
-    if not first.startswith(_HEAD):
-        for head, what in _OTHERS.items():
-            if first.startswith(head):
-                raise ValueError(f"{path} is not a mesh of gmsh: it is {what}")
-        if not first:
+    if not head_line.startswith(_HEAD):
+        for head, description in _OTHERS.items():
+            if head_line.startswith(head):
+                raise ValueError(f"{path} is not a mesh of gmsh: it is {description}")
+        if not head_line:
             raise ValueError(f"{path} is not a mesh of gmsh: it is empty")
-        line = first[:_SHOWN].decode("utf-8", "replace").rstrip("\r\n")
+        line = head_line[:_SHOWN].decode("utf-8", "replace").rstrip("\r\n")
         raise ValueError(
             f"{path} is not a mesh of gmsh: it begins with {line!r} instead of $MeshFormat. gmsh "
             "would execute such a file as a program (.geo), so it is not read; if you trust "
@@ -88,7 +88,7 @@ def _check_counts(content: mmap.mmap, format_line: bytes, path: Path) -> None:
     """
     version, binary, size = format_line.split()
     for section in _COUNTED.finditer(content):
-        what = "elements" if section[1] == b"Elements" else "nodes"
+        things = "elements" if section[1] == b"Elements" else "nodes"
         start = section.end()
         if version.startswith(b"4") and binary == b"1":
             if size != b"8":
@@ -98,12 +98,12 @@ def _check_counts(content: mmap.mmap, format_line: bytes, path: Path) -> None:
             count = min(struct.unpack(order, block)[1] for order in ("<2Q", ">2Q"))
         else:
             line = content[start : start + _LINE].split(b"\n", 1)[0].split()
-            at = 1 if version.startswith(b"4") else 0
-            if len(line) <= at or not line[at].isdigit():
-                raise ValueError(f"{path}: there is no number of its {what}; the file is damaged")
-            count = int(line[at])
+            position = 1 if version.startswith(b"4") else 0
+            if len(line) <= position or not line[position].isdigit():
+                raise ValueError(f"{path}: there is no number of its {things}; the file is damaged")
+            count = int(line[position])
         if count * _LEAST_BYTES > len(content):
             raise ValueError(
-                f"{path} promises {count:,} {what}, which its {len(content):,} bytes cannot hold; "
-                "the file is damaged or was cut short: write it again"
+                f"{path} promises {count:,} {things}, which its {len(content):,} bytes cannot "
+                "hold; the file is damaged or was cut short: write it again"
             )

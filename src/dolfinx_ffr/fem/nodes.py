@@ -61,8 +61,8 @@ class MeshNodes:
         nodes, columns = _compat.dofmap_array(space), _compat.dofmap_array(self.space)
         cell, local = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         for i in range(nodes.shape[1]):  # all cells of a node give it the same position
-            own = np.flatnonzero(nodes[:, i] < count)
-            cell[nodes[own, i]], local[nodes[own, i]] = own, i
+            cells_of_node = np.flatnonzero(nodes[:, i] < count)
+            cell[nodes[cells_of_node, i]], local[nodes[cells_of_node, i]] = cells_of_node, i
         rows = np.repeat(np.arange(count), columns.shape[1])
         shape = (count, len(self._collector.x.array) // self.dimension)
         return csr_matrix((weights[local].ravel(), (rows, columns[cell].ravel())), shape=shape)
@@ -83,9 +83,9 @@ class MeshNodes:
     def inner(self, a: Array, b: Array) -> float:
         """The sum over all nodes of a . b, each (nodes of this rank, dimension)."""
         count = int(self.space.dofmap.index_map.size_local)
-        own = self._numbers < count
+        owned = self._numbers < count
         comm: MPI.Comm = self.mesh.comm
-        return float(comm.allreduce(float(np.sum(a[own] * b[own])), MPI.SUM))
+        return float(comm.allreduce(float(np.sum(a[owned] * b[owned])), MPI.SUM))
 
 
 def add_ghosts(function: fem.Function) -> None:
@@ -108,10 +108,10 @@ def gathered_nodes(
     numbers = np.asarray(index_map.local_to_global(local), dtype=np.int64)
     cells = numbers[_compat.cell_geometry(domain.mesh)[: domain.n_cells]]
     x = geometry.x[:count, : geometry.dim]
-    parts = comm.gather((x, cells))
-    given = [(x[:0], cells[:0])] if parts is None else parts
-    nodes, every = (np.concatenate(part) for part in zip(*given, strict=True))
-    return nodes, every, (numbers, local < count)
+    gathered = comm.gather((x, cells))
+    of_ranks = [(x[:0], cells[:0])] if gathered is None else gathered
+    nodes, all_cells = (np.concatenate(arrays) for arrays in zip(*of_ranks, strict=True))
+    return nodes, all_cells, (numbers, local < count)
 
 
 def laplace(x: Array, simplices: Integers) -> csr_matrix:

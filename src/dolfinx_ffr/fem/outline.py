@@ -68,7 +68,7 @@ def mesh_outline(
     validation.number("from_outline: size", size, above=0.0, unit="m")
     if rim:
         validation.number("domain: solid_rim", rim, least=_THINNEST * size, unit="m")
-    named = {name: where for name, where in interfaces.items() if isinstance(where, str | Bore)}
+    named = {name: place for name, place in interfaces.items() if isinstance(place, str | Bore)}
     source = f"outline {outline}" if isinstance(outline, str | Path) else "outline"
     gmsh = None
     with ExitStack() as stack:
@@ -84,13 +84,13 @@ def mesh_outline(
                     drawing = _rimmed(drawing, interfaces, size, rim)
                 sides = _sides(drawing)
                 hint = f", or the right unit= of the drawing, which is {sides} now"
-                check_size(source, drawing, size, most=MOST_TRIANGLES, hint=hint)
+                check_size(source, drawing, size, largest=MOST_TRIANGLES, hint=hint)
                 _warn_of_coarse_triangles(source, drawing, size)
             gmsh = stack.enter_context(gmsh_model())
             # gmsh's file needs a physical group of curves
             groups = [_group(name) if name else _REST for name in drawing.groups]
             mesh_faces(gmsh, replace(drawing, groups=groups), size, order=order)
-            return [str(each.message) for each in caught]
+            return [str(warning.message) for warning in caught]
 
         for message in on_rank_0(comm, build):
             warnings.warn(message, stacklevel=3)
@@ -107,7 +107,7 @@ def _read(source: str, outline: Any, named: Mapping[str, str | Bore], sheet: She
     """The faces of an outline as a sheet says."""
     layers = sheet.layers
     if layers is not None:
-        by_layer = [where for where in named.values() if isinstance(where, str)]
+        by_layer = [place for place in named.values() if isinstance(place, str)]
         layers = [*validation.names("from_outline: layers", layers), *by_layer]
     inside = None
     if sheet.inside is not None:
@@ -121,8 +121,8 @@ def _read(source: str, outline: Any, named: Mapping[str, str | Bore], sheet: She
 def _refuse_whole_edge(source: str, drawing: Drawing) -> None:
     """Refuse an interface, the only one of its body, that holds the outer edge of a face."""
     for face in drawing.faces:
-        (name, *others) = {drawing.groups[i] for i, _ in face.loops[0]}
-        if name and not others:
+        (name, *other_names) = {drawing.groups[i] for i, _ in face.loops[0]}
+        if name and not other_names:
             raise ValueError(f"{source}: {whole_edge(name)}")
 
 
@@ -134,13 +134,15 @@ def _sides(drawing: Drawing) -> str:
 def _warn_of_coarse_triangles(source: str, drawing: Drawing, size: float) -> None:
     """Warn of triangles as large as a body is across, and refuse those larger than the body."""
     extent = np.ptp(samples(drawing.curves), axis=0)
-    what = f"{source}: size = {size:.4g} m is larger than the outline of {_sides(drawing)}"
+    complaint = f"{source}: size = {size:.4g} m is larger than the outline of {_sides(drawing)}"
     advised = f"{0.1 * np.min(extent):.2g}"
     if size > np.max(extent):
-        raise ValueError(f"{what}; give the size of the triangles in metres, {advised} or less")
+        raise ValueError(
+            f"{complaint}; give the size of the triangles in metres, {advised} or less"
+        )
     if size > np.min(extent):
         why = "is across: with one triangle there it does not bend as it should"
-        warnings.warn(f"{what} {why}; give {advised} m or less", stacklevel=2)
+        warnings.warn(f"{complaint} {why}; give {advised} m or less", stacklevel=2)
 
 
 def read_outline(
@@ -156,10 +158,10 @@ def read_outline(
         count = sum(len(piece) for ring in rings for piece in ring)
         remedy = "take fewer (shapely.simplify)"
         check_count("outline", count, "points", remedy, most=MOST_CURVES)
-        found = [each for ring in rings for each in _curves(ring)]
-        if not found:
+        drawn = [curve for ring in rings for curve in _curves(ring)]
+        if not drawn:
             raise ValueError("outline: it is empty; give rings of at least three points")
-        return found
+        return drawn
     path = validation.path("outline", outline)
     if path.suffix.lower() != ".dxf":
         raise ValueError(
@@ -169,30 +171,30 @@ def read_outline(
     if not path.is_file():
         raise FileNotFoundError(f"outline {path} does not exist")
     try:
-        found = read_dxf(path, scale, layers)
+        drawn = read_dxf(path, scale, layers)
     except RecursionError:
         raise ValueError(
             f"outline {path}: its blocks are nested too deeply to be read; explode them"
         ) from None
-    if not found:
+    if not drawn:
         on = "" if layers is None else f" on {', '.join(map(repr, layers))}"
         raise ValueError(
             f"outline {path}: it holds no curves that are drawn{on}; hidden ones, and those on "
             "layers that are off or frozen, do not count"
         )
-    _check_numbers(path, found)
-    return found
+    _check_numbers(path, drawn)
+    return drawn
 
 
 def _check_numbers(path: Path, drawn: Sequence[Drawn]) -> None:
     """Refuse coordinates that are no numbers, or beyond those that any body has."""
-    for each in drawn:
+    for curve in drawn:
         with np.errstate(all="ignore"):
-            points = samples([each.curve])
+            points = samples([curve.curve])
         wrong = points[~(np.abs(points) < _FARTHEST)]
         if len(wrong):
             raise ValueError(
-                f"outline {path}: a curve on {', '.join(map(repr, sorted(each.names)))} has the "
+                f"outline {path}: a curve on {', '.join(map(repr, sorted(curve.names)))} has the "
                 f"coordinate {1e3 * wrong[0]:.3g} mm; the file is damaged there: delete the "
                 "curve, or draw it anew"
             )
@@ -205,12 +207,14 @@ def _rings(outline: Any) -> list[list[Array]]:
     if isinstance(outline, np.ndarray) and outline.ndim == 2:
         outline = [outline]
     rings = validation.listed("outline", outline, "a file, or rings of points (n, 2)")
-    found = []
+    result = []
     for ring in rings:
         pieces = isinstance(ring, list | tuple) and bool(ring) and np.ndim(ring[0]) == 2
-        parts = [validation.real_array("outline: a ring", p, (None, 2)) for p in ring if pieces]
-        found.append(parts or [validation.real_array("outline: a ring", ring, (None, 2))])
-    return found
+        pieces_of_ring = [
+            validation.real_array("outline: a ring", p, (None, 2)) for p in ring if pieces
+        ]
+        result.append(pieces_of_ring or [validation.real_array("outline: a ring", ring, (None, 2))])
+    return result
 
 
 def _curves(ring: list[Array]) -> list[Drawn]:
@@ -244,14 +248,14 @@ def _rimmed(
 ) -> Drawing:
     """The drawing with rims along interfaces: the groups of curves, and those of predicates."""
     vertices = [cells_along(curve, size) for curve in drawing.curves]
-    held = [
+    is_held = [
         np.full(len(x) - 1, bool(group)) for x, group in zip(vertices, drawing.groups, strict=True)
     ]
     points = np.vstack(vertices)
     ends = np.cumsum([len(x) for x in vertices])[:-1]
-    for name, where in interfaces.items():
-        if not isinstance(where, str | Bore):
-            on = checked(f"interface {name!r}", where, np.vstack([points.T, np.zeros(len(points))]))
-            for of, own in zip(held, np.split(on, ends), strict=True):
-                of |= own[1:] & own[:-1]
-    return with_rims(drawing, vertices, held, width)
+    for name, place in interfaces.items():
+        if not isinstance(place, str | Bore):
+            on = checked(f"interface {name!r}", place, np.vstack([points.T, np.zeros(len(points))]))
+            for held_of_curve, on_curve in zip(is_held, np.split(on, ends), strict=True):
+                held_of_curve |= on_curve[1:] & on_curve[:-1]
+    return with_rims(drawing, vertices, is_held, width)

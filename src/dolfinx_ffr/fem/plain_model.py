@@ -39,7 +39,7 @@ def plain(model: Any, used: Integers) -> Iterator[Any]:
     points = np.reshape(positions, (-1, 3))[np.argsort(tags)]
     number = np.zeros(len(points) + 1, dtype=np.int64)
     number[used] = np.arange(1, len(used) + 1)
-    made = _Completed(model, points[used - 1])
+    completed = _Completed(model, points[used - 1])
     groups = [
         (dim, int(tag), model.getPhysicalName(dim, tag))
         for dim, tag in model.getPhysicalGroups()
@@ -48,26 +48,28 @@ def plain(model: Any, used: Integers) -> Iterator[Any]:
     blocks: list[tuple[int, int, int, Integers]] = []
     members = []
     for dim, group, _ in groups:
-        members.append([int(part) for part in model.getEntitiesForPhysicalGroup(dim, group)])
-        for part in members[-1]:
-            kinds, _, nodes = model.mesh.getElements(dim, part)
-            for kind, own in zip(kinds, nodes, strict=True):
-                blocks.append((dim, part, *made.cells(kind, number[np.asarray(own, np.int64)])))
+        members.append([int(entity) for entity in model.getEntitiesForPhysicalGroup(dim, group)])
+        for entity in members[-1]:
+            kinds, _, nodes = model.mesh.getElements(dim, entity)
+            for kind, node_tags in zip(kinds, nodes, strict=True):
+                blocks.append(
+                    (dim, entity, *completed.cells(kind, number[np.asarray(node_tags, np.int64)]))
+                )
     with gmsh_model() as gmsh:
         copy = gmsh.model
-        parts = sorted({(dim, part) for dim, part, _, _ in blocks})
-        for dim, part in parts:
-            copy.addDiscreteEntity(dim, part)
-        every = made.points()
-        copy.mesh.addNodes(*parts[-1], np.arange(1, len(every) + 1), every.ravel())
-        first = 1
-        for _, part, kind, cells in blocks:
+        entity_tags = sorted({(dim, entity) for dim, entity, _, _ in blocks})
+        for dim, entity in entity_tags:
+            copy.addDiscreteEntity(dim, entity)
+        points = completed.points()
+        copy.mesh.addNodes(*entity_tags[-1], np.arange(1, len(points) + 1), points.ravel())
+        first_element = 1
+        for _, entity, kind, cells in blocks:
             copy.mesh.addElementsByType(
-                part, kind, np.arange(first, first + len(cells)), cells.ravel()
+                entity, kind, np.arange(first_element, first_element + len(cells)), cells.ravel()
             )
-            first += len(cells)
-        for (dim, group, name), of in zip(groups, members, strict=True):
-            copy.addPhysicalGroup(dim, of, group)
+            first_element += len(cells)
+        for (dim, group, name), entities in zip(groups, members, strict=True):
+            copy.addPhysicalGroup(dim, entities, group)
             copy.setPhysicalName(dim, group, name)
         yield copy
 
@@ -87,24 +89,24 @@ class _Completed:
 
     def cells(self, kind: int, nodes: Any) -> tuple[int, Integers]:
         """The kind and the nodes (cells, nodes per cell) of the complete cells of a block."""
-        given = np.asarray(nodes, dtype=np.int64).reshape(-1, self._properties(kind)[3])
+        nodes_of_cells = np.asarray(nodes, dtype=np.int64).reshape(-1, self._properties(kind)[3])
         if kind not in COMPLETE:
-            return kind, given
+            return kind, nodes_of_cells
         complete, linear = COMPLETE[kind]
         _, dim, _, count, local, _ = self._properties(complete)
-        new = np.zeros((count - given.shape[1], 3))
-        new[:, :dim] = np.reshape(local, (count, dim))[given.shape[1] :]
-        shapes, around = (self._shape_functions(each, new) for each in (kind, linear))
-        middles = np.einsum("kn,cnd->ckd", shapes, self._points[given - 1])
-        added = np.empty((len(given), len(new)), dtype=np.int64)
+        new = np.zeros((count - nodes_of_cells.shape[1], 3))
+        new[:, :dim] = np.reshape(local, (count, dim))[nodes_of_cells.shape[1] :]
+        shapes, around = (self._shape_functions(element, new) for element in (kind, linear))
+        middles = np.einsum("kn,cnd->ckd", shapes, self._points[nodes_of_cells - 1])
+        added = np.empty((len(nodes_of_cells), len(new)), dtype=np.int64)
         for k, weights in enumerate(around):
-            corners = np.sort(given[:, : around.shape[1]][:, weights > 0.0], axis=1)
+            corners = np.sort(nodes_of_cells[:, : around.shape[1]][:, weights > 0.0], axis=1)
             for cell, key in enumerate(map(tuple, corners.tolist())):
                 if key not in self._numbers:
                     self._numbers[key] = len(self._points) + len(self._numbers) + 1
                     self._added.append(middles[cell, k][None])
                 added[cell, k] = self._numbers[key]
-        return complete, np.hstack([given, added])
+        return complete, np.hstack([nodes_of_cells, added])
 
     def _properties(self, kind: int) -> Any:
         return self._mesh.getElementProperties(kind)

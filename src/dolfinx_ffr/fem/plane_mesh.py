@@ -109,16 +109,16 @@ def quiet() -> Iterator[None]:
 def surfaces(gmsh: Any, drawing: Drawing, scale: float = 1.0) -> tuple[list[int], list[list[int]]]:
     """Make a drawing, times ``scale``, in gmsh: a surface of each face, curves of each curve."""
     occ = gmsh.model.occ
-    known: dict[int, int] = {}
+    point_tags: dict[int, int] = {}
 
-    def point(where: Array, node: int | None = None) -> int:
+    def point(position: Array, node: int | None = None) -> int:
         if node is None:
-            return int(occ.addPoint(scale * where[0], scale * where[1], 0.0))
-        if node not in known:
-            known[node] = point(where)
-        return known[node]
+            return int(occ.addPoint(scale * position[0], scale * position[1], 0.0))
+        if node not in point_tags:
+            point_tags[node] = point(position)
+        return point_tags[node]
 
-    turned, first = _directions(drawing)
+    turned, first_curve = _directions(drawing)
     tags: list[list[int]] = []
     for i, nodes in enumerate(drawing.nodes):
         curve = drawing.curves[i].reversed() if turned[i] else drawing.curves[i]
@@ -127,24 +127,24 @@ def surfaces(gmsh: Any, drawing: Drawing, scale: float = 1.0) -> tuple[list[int]
         ends = [point(pieces[0].start, begin), *(point(piece.end) for piece in pieces[:-1])]
         ends.append(point(pieces[-1].end, end))
         tags.append([_add(occ, piece, ends[k : k + 2], point) for k, piece in enumerate(pieces)])
-    found = []
+    surface_tags = []
     for f, face in enumerate(drawing.faces):
         around = []
         for n, loop in enumerate(face.loops):
             signed = []
-            for i, forward in [*loop[first[f, n] :], *loop[: first[f, n]]]:
+            for i, forward in [*loop[first_curve[f, n] :], *loop[: first_curve[f, n]]]:
                 along = forward != turned[i]
                 signed += tags[i] if along else [-tag for tag in tags[i][::-1]]
             around.append(occ.addCurveLoop(signed))
-        found.append(int(occ.addPlaneSurface(around)))
+        surface_tags.append(int(occ.addPlaneSurface(around)))
     occ.synchronize()
-    return found, tags
+    return surface_tags, tags
 
 
 def _directions(drawing: Drawing) -> tuple[list[bool], dict[tuple[int, int], int]]:
     """Which curves are made backwards, and the first of each loop, which goes counterclockwise."""
     turned, settled = [False] * len(drawing.curves), set()
-    first = {}
+    first_curve = {}
     numbered = [(f, n) for f, face in enumerate(drawing.faces) for n in range(len(face.loops))]
     for f, n in sorted(numbered, key=lambda at: len(drawing.faces[at[0]].loops[at[1]])):
         loop = drawing.faces[f].loops[n]
@@ -155,8 +155,8 @@ def _directions(drawing: Drawing) -> tuple[list[bool], dict[tuple[int, int], int
         i = loop[chosen][0]
         turned[i] = turned[i] != (not fits[chosen])
         settled.add(i)
-        first[f, n] = chosen
-    return turned, first
+        first_curve[f, n] = chosen
+    return turned, first_curve
 
 
 def _add(occ: Any, curve: Curve, ends: list[int], point: Callable[[Array], int]) -> int:
@@ -166,7 +166,7 @@ def _add(occ: Any, curve: Curve, ends: list[int], point: Callable[[Array], int])
         return int(occ.addCircleArc(ends[0], point(curve.center), ends[1]))
     assert isinstance(curve, Spline)
     points = [ends[0], *map(point, curve.control[1:-1]), ends[1]]
-    knots, counts = (part.tolist() for part in np.unique(curve.knots, return_counts=True))
+    knots, counts = (values.tolist() for values in np.unique(curve.knots, return_counts=True))
     return int(occ.addBSpline(points, degree=curve.degree, knots=knots, multiplicities=counts))
 
 
@@ -182,21 +182,21 @@ def _divided(curve: Curve, size: float, local: LocalSizes | None) -> _Divided:
     """A curve in cells of a size, or smaller, along each of which it turns little."""
     finest = size if local is None else min(size, float(np.min(local.sizes)))
     breaks = curve.breaks()
-    each = math.ceil(_POINTS + 2.0 * curve.length / finest / (len(breaks) - 1))
+    per_span = math.ceil(_POINTS + 2.0 * curve.length / finest / (len(breaks) - 1))
     spans = np.arange(len(breaks))
-    t = np.interp(np.arange(spans[-1] * each + 1) / each, spans, breaks)
+    t = np.interp(np.arange(spans[-1] * per_span + 1) / per_span, spans, breaks)
     side = np.diff(curve.at(t), axis=0)
     length = np.linalg.norm(side, axis=1)
     t, side, length = t[np.r_[True, length > 0.0]], side[length > 0.0], length[length > 0.0]
     x = curve.at(t)
-    wanted = np.full(len(side), size)
+    sizes = np.full(len(side), size)
     if local is not None:
-        wanted = np.clip(local.at(0.5 * (x[1:] + x[:-1])), finest, size)
+        sizes = np.clip(local.at(0.5 * (x[1:] + x[:-1])), finest, size)
     cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
     bent = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:])))
     turn = 0.5 * (np.r_[bent, 0.0] + np.r_[0.0, bent])
-    most = _BEND_OF_ARCS if isinstance(curve, Arc) else _BEND
-    counted = np.cumsum(np.r_[0.0, np.maximum(length / wanted, turn / most)])
+    largest_turn = _BEND_OF_ARCS if isinstance(curve, Arc) else _BEND
+    counted = np.cumsum(np.r_[0.0, np.maximum(length / sizes, turn / largest_turn)])
     # two curves with the same ends do not become the same chord
     n = max(math.ceil(counted[-1] * (1.0 - 1e-9)), 1 if isinstance(curve, Line) else 3)
     along = np.cumsum(np.r_[0.0, length])
@@ -214,14 +214,14 @@ def cells_along(curve: Curve, size: float) -> Array:
 def _polygons(gmsh: Any, drawing: Drawing, divided: Sequence[_Divided]) -> list[list[int]]:
     """Make lines along the curves in gmsh, each for one cell, and the faces; the lines' tags."""
     geo = gmsh.model.geo
-    known: dict[int, int] = {}
+    point_tags: dict[int, int] = {}
     tags = []
-    for (first, last), own in zip(drawing.nodes, divided, strict=True):
-        for node, where in ((first, own.vertices[0]), (last, own.vertices[-1])):
-            if node not in known:
-                known[node] = int(geo.addPoint(*where, 0.0))
-        inner = [int(geo.addPoint(*where, 0.0)) for where in own.vertices[1:-1]]
-        points = [known[first], *inner, known[last]]
+    for (start, end), cells in zip(drawing.nodes, divided, strict=True):
+        for node, position in ((start, cells.vertices[0]), (end, cells.vertices[-1])):
+            if node not in point_tags:
+                point_tags[node] = int(geo.addPoint(*position, 0.0))
+        inner = [int(geo.addPoint(*position, 0.0)) for position in cells.vertices[1:-1]]
+        points = [point_tags[start], *inner, point_tags[end]]
         tags.append([int(geo.addLine(*ends)) for ends in pairwise(points)])
     for face in drawing.faces:
         loops = [
@@ -234,7 +234,7 @@ def _polygons(gmsh: Any, drawing: Drawing, divided: Sequence[_Divided]) -> list[
         ]
         geo.addPlaneSurface([geo.addCurveLoop(signed) for signed in loops])
     geo.synchronize()
-    for tag in (tag for some in tags for tag in some):
+    for tag in (tag for tags_of_curve in tags for tag in tags_of_curve):
         gmsh.model.mesh.setTransfiniteCurve(tag, 2)
     return tags
 
@@ -245,17 +245,22 @@ def _bend(model: Any, divided: Sequence[_Divided]) -> None:
     mesh = model.mesh
 
     def cells(name: str, nodes: int) -> Any:
-        _, found = mesh.getElementsByType(mesh.getElementType(name, 2))
-        return np.asarray(found, dtype=np.int64).reshape(-1, nodes)
+        _, node_tags = mesh.getElementsByType(mesh.getElementType(name, 2))
+        return np.asarray(node_tags, dtype=np.int64).reshape(-1, nodes)
 
     nodes, middles = cells("Triangle", 6), cells("Line", 3)[:, 2]
     tags, positions, _ = mesh.getNodes()
     x = np.zeros((int(np.max(tags)) + 1, 3))
     x[np.asarray(tags, dtype=np.int64)] = np.reshape(positions, (-1, 3))
     straight = x.copy()
-    chords = np.vstack([0.5 * (own.vertices[1:] + own.vertices[:-1]) for own in divided])
-    _, which = cKDTree(chords).query(x[middles, :2])
-    x[middles, :2] = np.vstack([own.middles for own in divided])[which]
+    chords = np.vstack(
+        [
+            0.5 * (cells_of_curve.vertices[1:] + cells_of_curve.vertices[:-1])
+            for cells_of_curve in divided
+        ]
+    )
+    _, nearest = cKDTree(chords).query(x[middles, :2])
+    x[middles, :2] = np.vstack([cells_of_curve.middles for cells_of_curve in divided])[nearest]
     for _ in range(_ROUNDS):
         folded = _flattest(x[nodes][:, :, :2]) < _FLATTEST
         if not np.any(folded):
@@ -279,7 +284,7 @@ def _flattest(x: Array) -> Array:
 
 
 def check_size(
-    what: str, drawing: Drawing, size: float, *, most: float = MOST_CELLS, hint: str = ""
+    subject: str, drawing: Drawing, size: float, *, largest: float = MOST_CELLS, hint: str = ""
 ) -> None:
     """Refuse more triangles of a ``size`` [m], or more curves, than gmsh can take in minutes.
 
@@ -287,13 +292,13 @@ def check_size(
     """
     curves = len(drawing.curves)
     remedy = "leave out what does not bear, or take fewer points (shapely.simplify)"
-    check_count(what, curves, "curves", remedy, most=MOST_CURVES)
+    check_count(subject, curves, "curves", remedy, most=MOST_CURVES)
     area = sum(_area(drawing, face) for face in drawing.faces)
     around = sum(curve.length for curve in drawing.curves)
     # equilateral ones, and at least one at each piece of the boundary
     count = 4.0 / math.sqrt(3.0) * (area / size / size) + around / size
     things, remedy = f"triangles of {size:.4g} m", f"give a larger size [m]{hint}"
-    check_count(what, count, things, remedy, each=_BYTES, most=most)
+    check_count(subject, count, things, remedy, each=_BYTES, most=largest)
 
 
 def walked(curves: Sequence[Curve], loop: Sequence[tuple[int, bool]]) -> list[Curve]:
@@ -319,8 +324,8 @@ class LocalSizes:
     def at(self, points: Array) -> Array:
         """Sizes at points (n, 2), not yet bounded by the smallest and the largest one [m]."""
         nearest = np.arange(min(_NEAREST, len(self.sizes))) + 1
-        distance, which = self._tree.query(points, k=nearest)
-        return np.asarray(np.min(self.sizes[which] + _GROWTH * distance, axis=1))
+        distance, neighbours = self._tree.query(points, k=nearest)
+        return np.asarray(np.min(self.sizes[neighbours] + _GROWTH * distance, axis=1))
 
 
 def mesh_faces(
@@ -340,9 +345,11 @@ def mesh_faces(
     divided = [_divided(curve, size, local) for curve in drawing.curves]
     _refuse_crossed(drawing, divided, size)
     tags = _polygons(gmsh, drawing, divided)
-    found = [tag for _, tag in model.getEntities(2)]
+    surface_tags = [tag for _, tag in model.getEntities(2)]
     for group in dict.fromkeys(face.group for face in drawing.faces):
-        members = [s for s, face in zip(found, drawing.faces, strict=True) if face.group == group]
+        members = [
+            s for s, face in zip(surface_tags, drawing.faces, strict=True) if face.group == group
+        ]
         model.setPhysicalName(2, model.addPhysicalGroup(2, members), group)
     for group in dict.fromkeys(name for name in drawing.groups if name):
         chosen = [ts for ts, name in zip(tags, drawing.groups, strict=True) if name == group]
@@ -362,19 +369,19 @@ def mesh_faces(
             gmsh.option.setNumber(name, value)
         with quiet():
             model.mesh.generate(2)
-        _refuse_unmeshed(model, drawing, found, size)
+        _refuse_unmeshed(model, drawing, surface_tags, size)
         if order > 1:
             _bend(model, divided)
 
 
 def _refuse_crossed(drawing: Drawing, divided: Sequence[_Divided], size: float) -> None:
     """Refuse cells along curves that cross, which gmsh (4.13) would divide without end."""
-    ends = np.concatenate([own.vertices[[0, -1]] for own in divided])
-    at = dict(zip(np.ravel(drawing.nodes).tolist(), ends, strict=True))
+    ends = np.concatenate([cells_of_curve.vertices[[0, -1]] for cells_of_curve in divided])
+    positions = dict(zip(np.ravel(drawing.nodes).tolist(), ends, strict=True))
     # where curves meet, their cells must share a point to the last bit
     chains = [
-        np.vstack([at[first], own.vertices[1:-1], at[last]])
-        for (first, last), own in zip(drawing.nodes, divided, strict=True)
+        np.vstack([positions[start], cells_of_curve.vertices[1:-1], positions[end]])
+        for (start, end), cells_of_curve in zip(drawing.nodes, divided, strict=True)
     ]
     cells = shapely.linestrings(np.concatenate([np.stack([x[:-1], x[1:]], 1) for x in chains]))
     crossed = shapely.STRtree(cells).query(cells, predicate="crosses")
@@ -386,16 +393,18 @@ def _refuse_crossed(drawing: Drawing, divided: Sequence[_Divided], size: float) 
         )
 
 
-def _refuse_unmeshed(model: Any, drawing: Drawing, found: Sequence[int], size: float) -> None:
+def _refuse_unmeshed(
+    model: Any, drawing: Drawing, surface_tags: Sequence[int], size: float
+) -> None:
     """Refuse a mesh that does not fill the faces, as gmsh leaves it where it fails."""
-    for surface, face in zip(found, drawing.faces, strict=True):
+    for surface, face in zip(surface_tags, drawing.faces, strict=True):
         # twice the area of each triangle
         doubled = model.mesh.getJacobians(2, [1 / 3, 1 / 3, 0.0], surface)[1]
         covered = 0.5 * float(np.sum(np.abs(doubled)))
-        whole = _area(drawing, face)
+        area = _area(drawing, face)
         around = sum(drawing.curves[i].length for loop in face.loops for i, _ in loop)
         # chords of curves leave out, or add, less than a quarter of their length along them
-        if abs(covered - whole) > 1e-6 * whole + 0.25 * size * around or not len(doubled):
+        if abs(covered - area) > 1e-6 * area + 0.25 * size * around or not len(doubled):
             raise CurveError(
                 f"gmsh cannot mesh the outline by triangles of {size:.4g} m; give a smaller size, "
                 "or look for parts of the outline that almost touch"

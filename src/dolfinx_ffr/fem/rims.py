@@ -37,17 +37,17 @@ _FINE = 1e-4
 
 
 def with_rims(
-    drawing: Drawing, vertices: Sequence[Array], held: Sequence[Mask], width: float
+    drawing: Drawing, vertices: Sequence[Array], is_held: Sequence[Mask], width: float
 ) -> Drawing:
     """The drawing with solid faces within a ``width`` [m] of interfaces, and designed ones beyond.
 
-    The cells along each curve have the ``vertices`` (n + 1, 2) [m], and ``held`` (n,) tells which
-    of them are along an interface.
+    The cells along each curve have the ``vertices`` (n + 1, 2) [m], and ``is_held`` (n,) is the
+    mask of those along an interface.
     """
     fine = _FINE * width
     lines = [
         line
-        for curve, x, on in zip(drawing.curves, vertices, held, strict=True)
+        for curve, x, on in zip(drawing.curves, vertices, is_held, strict=True)
         for line in _held(curve, x, on, fine)
     ]
     if not lines:
@@ -66,24 +66,24 @@ def _held(curve: Curve, x: Array, on: Mask, fine: float) -> Iterator[shapely.Lin
         yield shapely.LineString(curve.points(fine))
         return
     ends = np.flatnonzero(np.diff(np.r_[False, on, False]))
-    for first, last in ends.reshape(-1, 2):
-        yield shapely.LineString(x[first : last + 1])
+    for begin, end in ends.reshape(-1, 2):
+        yield shapely.LineString(x[begin : end + 1])
 
 
 def _zone(lines: Sequence[shapely.LineString], width: float) -> shapely.Geometry:
     """All places within a width of lines; of polygons with vertices on a circle, of the circle."""
-    parts = []
+    zones = []
     for line in shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines))):
         circle = _circle(shapely.get_coordinates(line)) if line.is_closed else None
         if circle is None:
-            parts.append(line.buffer(width, quad_segs=_SIDES))
+            zones.append(line.buffer(width, quad_segs=_SIDES))
             continue
         center, radius = shapely.Point(circle[0]), circle[1]
         around = center.buffer(radius + width, quad_segs=_SIDES)
         if radius > width:
             around = around.difference(center.buffer(radius - width, quad_segs=_SIDES))
-        parts.append(around)
-    return shapely.union_all(parts)
+        zones.append(around)
+    return shapely.union_all(zones)
 
 
 def _circle(x: Array) -> tuple[Array, float] | None:
@@ -99,41 +99,41 @@ def _shape(
 
 
 def _inside(
-    zone: shapely.Geometry, body: shapely.Geometry, left: float
+    zone: shapely.Geometry, body: shapely.Geometry, depth: float
 ) -> Iterator[shapely.LineString]:
     """The boundary of a zone in the body, where it does not run along the outline."""
-    deep = body.buffer(-left)
-    for part in shapely.get_parts(zone):
-        for edge in (part.exterior, *part.interiors):
+    deep = body.buffer(-depth)
+    for region in shapely.get_parts(zone):
+        for edge in (region.exterior, *region.interiors):
             if deep.contains(edge):
                 yield shapely.LineString(edge)
                 continue
             crossing = _lines(edge.intersection(body))
             for line in _lines(edge.intersection(deep)):
-                if line.length > left:
-                    yield _to_the_outline(line, crossing, _CROSSES * left)
+                if line.length > depth:
+                    yield _to_the_outline(line, crossing, _CROSSES * depth)
 
 
-def _lines(found: shapely.Geometry) -> list[shapely.LineString]:
-    lines = [part for part in shapely.get_parts(found) if part.length > 0.0]
+def _lines(geometry: shapely.Geometry) -> list[shapely.LineString]:
+    lines = [piece for piece in shapely.get_parts(geometry) if piece.length > 0.0]
     return list(shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines))))
 
 
 def _to_the_outline(
-    line: shapely.LineString, crossing: Sequence[shapely.LineString], most: float
+    line: shapely.LineString, crossing: Sequence[shapely.LineString], largest: float
 ) -> shapely.LineString:
     """A line that goes on along the one of which it is part, where this soon ends."""
     amid = line.interpolate(0.5, normalized=True)
-    whole = min(crossing, key=amid.distance, default=line)
-    if whole.is_closed:
+    crossing_line = min(crossing, key=amid.distance, default=line)
+    if crossing_line.is_closed:
         return line
-    start, end = (whole.project(shapely.Point(line.coords[k])) for k in (0, -1))
+    start, end = (crossing_line.project(shapely.Point(line.coords[k])) for k in (0, -1))
     if start > end:
-        whole = whole.reverse()
-        start, end = whole.length - start, whole.length - end
-    first = 0.0 if start < most else start
-    last = whole.length if whole.length - end < most else end
-    return shapely.ops.substring(whole, first, last)
+        crossing_line = crossing_line.reverse()
+        start, end = crossing_line.length - start, crossing_line.length - end
+    begin = 0.0 if start < largest else start
+    stop = crossing_line.length if crossing_line.length - end < largest else end
+    return shapely.ops.substring(crossing_line, begin, stop)
 
 
 class _Divided:
@@ -155,38 +155,38 @@ class _Divided:
         A closed one repeats its first point; an open one ends at the outline.
         """
         if np.array_equal(x[0], x[-1]):
-            at = _corners(np.vstack([x[-2:-1], x])) - 1
-            if len(at):
-                x = np.vstack([x[at[0] : -1], x[: at[0] + 1]])
-            first = last = self._new()
+            corners = _corners(np.vstack([x[-2:-1], x])) - 1
+            if len(corners):
+                x = np.vstack([x[corners[0] : -1], x[: corners[0] + 1]])
+            first_node = last_node = self._new()
         else:
-            (first, start), (last, end) = self._node(x[0]), self._node(x[-1])
+            (first_node, start), (last_node, end) = self._node(x[0]), self._node(x[-1])
             x = np.vstack([*self._joined(x[0], start), x[1:-1], *self._joined(x[-1], end)[::-1]])
         cuts = [0, *_corners(x).tolist(), len(x) - 1]
-        nodes = [first, *(self._new() for _ in cuts[1:-1]), last]
+        nodes = [first_node, *(self._new() for _ in cuts[1:-1]), last_node]
         for ends, (a, b) in zip(pairwise(nodes), pairwise(cuts), strict=True):
             self._curves.append(self._curve(x[a : b + 1]))
             self._nodes.append(ends)
 
-    def _joined(self, near: Array, end: Array) -> list[Array]:
+    def _joined(self, point: Array, end: Array) -> list[Array]:
         """The end of a line at the outline, and the point before it where that is not near."""
-        return [end] if np.hypot(*(near - end)) < 2.0 * self._near else [end, near]
+        return [end] if np.hypot(*(point - end)) < 2.0 * self._near else [end, point]
 
     def _new(self) -> int:
         self._beyond += 1
         return self._beyond - 1
 
-    def _node(self, where: Array) -> tuple[int, Array]:
+    def _node(self, point: Array) -> tuple[int, Array]:
         """The node of the outline nearest to a point, and its place; a new one where none is."""
-        i = int(np.argmin(shapely.distance(shapely.Point(where), self._lines)))
+        i = int(np.argmin(shapely.distance(shapely.Point(point), self._lines)))
         curve, ends = self._given.curves[i], self._given.nodes[i]
-        t = _nearest(curve, where, self._fine)
+        t = _nearest(curve, point, self._fine)
         place = curve.at(np.array([t]))[0]
-        known = [(ends[0], curve.start), (ends[1], curve.end)]
-        known += [(node, at) for _, node, at in self._cuts[i]]
-        for node, at in known:
-            if np.hypot(*(place - at)) < self._near:
-                return node, at
+        node_positions = [(ends[0], curve.start), (ends[1], curve.end)]
+        node_positions += [(node, position) for _, node, position in self._cuts[i]]
+        for node, position in node_positions:
+            if np.hypot(*(place - position)) < self._near:
+                return node, position
         node = self._new()
         self._cuts[i].append((t, node, place))
         return node, place
@@ -207,44 +207,47 @@ class _Divided:
             return Arc(x[0], x[-1], circle[0], sweep).moved(x[0], x[-1])
         along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
         count = max(4, int(_POINTS * along[-1] / self._width))
-        at = np.linspace(0.0, along[-1], count)
-        points = np.column_stack([np.interp(at, along, x[:, k]) for k in (0, 1)])
+        samples = np.linspace(0.0, along[-1], count)
+        points = np.column_stack([np.interp(samples, along, x[:, k]) for k in (0, 1)])
         points[0], points[-1] = x[0], x[-1]
         return Spline.through(points)
 
     def drawing(self, zone: shapely.Geometry) -> Drawing:
         """All faces, those in the zone in the group "solid"."""
-        given = self._given
+        outline = self._given
         curves, nodes, groups = [*self._curves], [*self._nodes], [""] * len(self._curves)
         # those between two faces are walked in both directions
-        both = range(len(curves))
-        parts: list[list[int]] = []
+        new_curves = range(len(curves))
+        pieces_of_curve: list[list[int]] = []
         for i, cuts in enumerate(self._cuts):
             cuts.sort(key=lambda cut: cut[0])
-            pieces = given.curves[i].cut([t for t, _, _ in cuts])
+            pieces = outline.curves[i].cut([t for t, _, _ in cuts])
             places = [node for _, node, _ in cuts]
-            ends = pairwise([given.nodes[i][0], *places, given.nodes[i][1]])
-            at = [place for _, _, place in cuts]
-            bounds = pairwise([given.curves[i].start, *at, given.curves[i].end])
-            parts.append([len(curves) + k for k in range(len(pieces))])
+            ends = pairwise([outline.nodes[i][0], *places, outline.nodes[i][1]])
+            cut_points = [place for _, _, place in cuts]
+            bounds = pairwise([outline.curves[i].start, *cut_points, outline.curves[i].end])
+            pieces_of_curve.append([len(curves) + k for k in range(len(pieces))])
             curves += [c.moved(*b) if cuts else c for c, b in zip(pieces, bounds, strict=True)]
             nodes += ends
-            groups += [given.groups[i]] * len(pieces)
-        sides = [(i, way) for way in (True, False) for i in both]
-        for face in given.faces:
+            groups += [outline.groups[i]] * len(pieces)
+        sides = [(i, forward) for forward in (True, False) for i in new_curves]
+        for face in outline.faces:
             for loop in face.loops:
-                for i, way in loop:
-                    sides += [(k, way) for k in (parts[i] if way else parts[i][::-1])]
+                for i, forward in loop:
+                    sides += [
+                        (k, forward)
+                        for k in (pieces_of_curve[i] if forward else pieces_of_curve[i][::-1])
+                    ]
         around = walked(curves, sides)
-        ends_of = [nodes[i] if way else nodes[i][::-1] for i, way in sides]
+        ends_of = [nodes[i] if forward else nodes[i][::-1] for i, forward in sides]
         loops = directed_loops(around, ends_of)
         faces = []
         for nest in nested([[around[k] for k in loop] for loop in loops], self._fine):
-            own = [[sides[k] for k in loops[n]] for n in nest]
-            shape = _shape(curves, own, self._fine)
+            face_loops = [[sides[k] for k in loops[n]] for n in nest]
+            shape = _shape(curves, face_loops, self._fine)
             thin = shape.buffer(-0.5 * _LEFT * self._width).is_empty
             solid = thin or shape.intersection(zone).area > 0.5 * shape.area
-            faces.append(Face("solid" if solid else "design", own))
+            faces.append(Face("solid" if solid else "design", face_loops))
         return Drawing(curves, nodes, groups, faces)
 
 
@@ -256,18 +259,18 @@ def _corners(x: Array) -> Array:
     return np.asarray(1 + np.flatnonzero(np.abs(turn) > _CORNER))
 
 
-def _nearest(curve: Curve, where: Array, fine: float) -> float:
+def _nearest(curve: Curve, point: Array, fine: float) -> float:
     """The parameter of the point of a curve that is nearest to a place (2,)."""
     t = curve.parameters(fine)
-    distance = np.hypot(*(curve.at(t) - where).T)
-    found = []
+    distance = np.hypot(*(curve.at(t) - point).T)
+    candidates = []
     # of long lines the nearest vertex may be that of another side
     for k in range(len(t) - 1) if len(t) < 8 else np.argsort(distance)[:3]:
         low, high = t[max(k - 1, 0)], t[min(k + 1, len(t) - 1)]
 
         def off(s: float) -> float:
-            return float(np.sum((curve.at(np.array([s]))[0] - where) ** 2))
+            return float(np.sum((curve.at(np.array([s]))[0] - point) ** 2))
 
         best = minimize_scalar(off, bounds=(low, high), method="bounded", options={"xatol": 1e-12})
-        found.append((best.fun, float(best.x)))
-    return min(found)[1]
+        candidates.append((best.fun, float(best.x)))
+    return min(candidates)[1]

@@ -23,7 +23,7 @@ _CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
 
 
 def rod_mesh(
-    what: str,
+    shape: str,
     comm: MPI.Comm,
     sizes: Sequence[float],
     elements: Sequence[int],
@@ -33,18 +33,18 @@ def rod_mesh(
 ) -> tuple[mesh.Mesh, dict[str, Predicate], Mask]:
     """A rod along x: mesh, interfaces ``"left"`` and ``"right"``, mask of cells that stay solid."""
     dim = len(sizes)
-    validation.instance(f"{what}: comm", comm, MPI.Comm, "an MPI communicator")
+    validation.instance(f"{shape}: comm", comm, MPI.Comm, "an MPI communicator")
     for name, size in zip(("length", "height", "width"), sizes, strict=False):
-        validation.number(f"{what}: {name}", size, above=0.0, unit="m")
+        validation.number(f"{shape}: {name}", size, above=0.0, unit="m")
     high = np.array(sizes, dtype=np.float64)
     expected = "two numbers" if dim == 2 else "three numbers"
-    validation.real_array(f"{what}: elements", elements, (dim,), expected=expected)
-    counts = [validation.integer(f"{what}: elements", n, least=1) for n in elements]
+    validation.real_array(f"{shape}: elements", elements, (dim,), expected=expected)
+    counts = [validation.integer(f"{shape}: elements", n, least=1) for n in elements]
     pieces = "columns" if dim == 2 else "layers"
-    name, length = f"{what}: solid_{pieces}", float(high[0])
+    name, length = f"{shape}: solid_{pieces}", float(high[0])
     layers, solid_length = solid_ends
     if solid_length is not None:
-        name, half = f"{what}: solid_length", 0.5 * length
+        name, half = f"{shape}: solid_length", 0.5 * length
         solid_length = validation.number(name, solid_length, above=0.0, below=half, unit="m")
         layers = max(1, round(solid_length * counts[0] / length))
     if 2 * validation.integer(name, layers) >= counts[0]:
@@ -55,9 +55,9 @@ def rod_mesh(
     # of triangles each rectangle is cut into four, of tetrahedra each box into six
     count = math.prod(counts) * {"triangle": 4, "tetrahedron": 6}.get(cell, 1)
     room = agreed_memory(comm) * comm.size
-    with on_every_rank(comm, what):
-        check_count(what, count, "cells", "take fewer elements", each=_BYTES, available=room)
-    kind = getattr(mesh.CellType, validation.choice(f"{what}: cell", cell, _CELLS[dim]))
+    with on_every_rank(comm, shape):
+        check_count(shape, count, "cells", "take fewer elements", each=_BYTES, available=room)
+    kind = getattr(mesh.CellType, validation.choice(f"{shape}: cell", cell, _CELLS[dim]))
     low = np.array([0.0, *-0.5 * high[1:]])
     make = mesh.create_rectangle if dim == 2 else mesh.create_box
     options = {"diagonal": mesh.DiagonalType.crossed} if cell == "triangle" else {}
@@ -67,9 +67,13 @@ def rod_mesh(
         ends, fitted = ([0.0, a, length - a, length] for a in (inner, solid_length))
         domain.geometry.x[:, 0] = np.interp(domain.geometry.x[:, 0], ends, fitted)
         inner = solid_length
-    kept = located_cells(domain, f"{what}: solid", solid)
+    solid_cells = located_cells(domain, f"{shape}: solid", solid)
     if layers:
         # one end after the other: a single layer between both has all its nodes in one of them
-        kept |= located_cells(domain, name, lambda x: x[0] < inner + eps)
-        kept |= located_cells(domain, name, lambda x: x[0] > length - inner - eps)
-    return domain, {"left": lambda x: x[0] < eps, "right": lambda x: x[0] > length - eps}, kept
+        solid_cells |= located_cells(domain, name, lambda x: x[0] < inner + eps)
+        solid_cells |= located_cells(domain, name, lambda x: x[0] > length - inner - eps)
+    return (
+        domain,
+        {"left": lambda x: x[0] < eps, "right": lambda x: x[0] > length - eps},
+        solid_cells,
+    )

@@ -69,24 +69,24 @@ class StressRecovery:
         """Map of each cell, shape (cells, points * components, dofs) [Pa/m]."""
         return self._maps(slice(0, len(self.points)))
 
-    def _maps(self, part: slice) -> Array:
+    def _maps(self, chunk: slice) -> Array:
         """The maps of some cells of this rank."""
-        cells = np.arange(part.start, part.stop, dtype=np.int32)
-        found = np.empty((len(cells), *self._shape))
+        cells = np.arange(chunk.start, chunk.stop, dtype=np.int32)
+        maps = np.empty((len(cells), *self._shape))
         for i, values in enumerate(np.eye(self._shape[1])):
-            self.elasticity.set_cells(self._displacement, values, part)
+            self.elasticity.set_cells(self._displacement, values, chunk)
             sampled = self._evaluate(cells)
-            found[..., i] = (self._continued @ sampled).reshape(len(cells), -1)
-        found /= self._material.thickness
-        return found
+            maps[..., i] = (self._continued @ sampled).reshape(len(cells), -1)
+        maps /= self._material.thickness
+        return maps
 
     def __call__(self, fields: Block) -> Array:
         """Stresses (cells, points, components, columns) of displacements (dofs, columns) [Pa]."""
         shape = (*self.points.shape[:2], len(COMPONENTS[self.elasticity.dimension]))
-        found = np.empty((*shape, fields.shape[1]))
-        for part, values in self.in_blocks(fields):
-            found[part] = values
-        return found
+        stresses = np.empty((*shape, fields.shape[1]))
+        for chunk, values in self.in_blocks(fields):
+            stresses[chunk] = values
+        return stresses
 
     def in_blocks(self, fields: Block) -> Iterator[tuple[slice, Array]]:
         """The same for some cells of this rank at a time, with their places.
@@ -99,12 +99,12 @@ class StressRecovery:
         del fields
         nodes = _compat.dofmap_array(self.elasticity.domain.space)
         # those of all cells are kept where they are few, or transposed, as for a gradient
-        kept = "_matrices" in vars(self) or cells * rows * unknowns <= 2 * _BLOCK
+        keep_maps = "_matrices" in vars(self) or cells * rows * unknowns <= 2 * _BLOCK
         several = max(1, _BLOCK // (rows * max(columns, unknowns)))
-        for part in (slice(i, min(i + several, cells)) for i in range(0, cells, several)):
-            maps = self._matrices[part] if kept else self._maps(part)
-            found = maps @ local[nodes[part]].reshape(-1, unknowns, columns)
-            yield part, found.reshape(len(found), -1, len(COMPONENTS[d]), columns)
+        for chunk in (slice(i, min(i + several, cells)) for i in range(0, cells, several)):
+            maps = self._matrices[chunk] if keep_maps else self._maps(chunk)
+            stresses = maps @ local[nodes[chunk]].reshape(-1, unknowns, columns)
+            yield chunk, stresses.reshape(len(stresses), -1, len(COMPONENTS[d]), columns)
 
     def transposed(self, bar: Array) -> Block:
         """The transpose, from (cells, points, components, columns) to (dofs, columns)."""
@@ -123,11 +123,11 @@ class StressRecovery:
         chosen = fem.Function(_compat.quadrature_space(domain.mesh, self._degree))
         fields = [fem.Function(self.elasticity.cell_space) for _ in COMPONENTS[d]]
         law = self._material.on(domain.mesh)
-        parts = [law.stress(u)[k] for u, k in zip(fields, COMPONENTS[d], strict=True)]
+        components = [law.stress(u)[k] for u, k in zip(fields, COMPONENTS[d], strict=True)]
         # the measure's own share is divided out: a sum over points, not an integral
         size = abs(ufl.JacobianDeterminant(domain.mesh)) * self._material.thickness
         dx = ufl.Measure("dx", domain=domain.mesh, metadata=self._metadata)
-        return self.elasticity.nodes.form(chosen * sum(parts) / size * dx), chosen, fields
+        return self.elasticity.nodes.form(chosen * sum(components) / size * dx), chosen, fields
 
     @cached_property
     def _weights_form(self) -> tuple[fem.Form, fem.Function]:
@@ -139,18 +139,18 @@ class StressRecovery:
 
     def add_node_gradient(self, nodes: Array, fields: Block, bar: Array) -> None:
         """Add to ``nodes`` the derivative of sum ``bar`` . stress of ``fields`` (dofs, columns)."""
-        form, chosen, own = self._node_form
+        form, chosen, component_fields = self._node_form
         bar = np.einsum("vq,cvkj->cqkj", self._continued, bar)
         cells, points, components, columns = bar.shape
         # of each number, the sum of all fields times its derivatives
         local = self.elasticity.at_cells(fields).reshape(cells, -1, columns).swapaxes(1, 2)
         sums = bar.reshape(cells, points * components, columns) @ local
         sums = sums.reshape(cells, points, components, local.shape[2])
-        at = chosen.x.array.reshape(-1, points)
+        chosen_values = chosen.x.array.reshape(-1, points)
         for point, weight in enumerate(self._rule[1]):
-            at[:] = 0.0
-            at[:, point] = 1.0 / weight
-            for component, field in enumerate(own):
+            chosen_values[:] = 0.0
+            chosen_values[:, point] = 1.0 / weight
+            for component, field in enumerate(component_fields):
                 self.elasticity.set_cells(field, sums[:, point, component])
             fem.assemble_vector(nodes, form)
 
@@ -162,12 +162,12 @@ class StressRecovery:
         fem.assemble_vector(nodes, form)
 
 
-def _continuation(given: Array, wanted: Array, degree: int, simplex: bool) -> Array:
-    """Polynomials through values at ``given`` points, at ``wanted`` ones, (wanted, given)."""
-    powers = list(product(range(degree + 1), repeat=given.shape[1]))
+def _continuation(sampled: Array, evaluated: Array, degree: int, simplex: bool) -> Array:
+    """Polynomials through values at ``sampled`` points, at ``evaluated`` ones, (wanted, given)."""
+    powers = list(product(range(degree + 1), repeat=sampled.shape[1]))
     if simplex:
-        powers = [each for each in powers if sum(each) <= degree]
+        powers = [exponents for exponents in powers if sum(exponents) <= degree]
     at_given, at_wanted = (
-        np.prod(points[:, None, :] ** np.array(powers), axis=2) for points in (given, wanted)
+        np.prod(points[:, None, :] ** np.array(powers), axis=2) for points in (sampled, evaluated)
     )
     return np.asarray(at_wanted @ np.linalg.pinv(at_given))

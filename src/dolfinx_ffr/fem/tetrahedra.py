@@ -87,19 +87,21 @@ class GatheredMesh:
         order = CORNERS[domain.cell]
         nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells, order]
         dofs = _compat.dofmap_array(domain.space)[: domain.n_cells, order]
-        held = [np.isin(dofs, part.dofs) for part in domain.interfaces.values()]
-        every = domain.on_rank_0(domain.mesh.geometry.x[nodes]).reshape(-1, 3)
+        on_interfaces = [np.isin(dofs, interface.dofs) for interface in domain.interfaces.values()]
+        all_corners = domain.on_rank_0(domain.mesh.geometry.x[nodes]).reshape(-1, 3)
         tolerance = _SAME * float(np.max(np.ptp(domain.bounding_box, axis=0)))
-        _, first, which = np.unique(
-            np.round(every / tolerance), axis=0, return_index=True, return_inverse=True
+        _, first_corner, point_of_corner = np.unique(
+            np.round(all_corners / tolerance), axis=0, return_index=True, return_inverse=True
         )
-        marks = domain.on_rank_0(np.stack(held, axis=2)).reshape(len(every), len(held))[first]
+        marks = domain.on_rank_0(np.stack(on_interfaces, axis=2)).reshape(
+            len(all_corners), len(on_interfaces)
+        )[first_corner]
         return GatheredMesh(
-            points=every[first],
-            cells=which.reshape(-1, len(order)),
+            points=all_corners[first_corner],
+            cells=point_of_corner.reshape(-1, len(order)),
             interfaces=dict(zip(domain.interfaces, marks.T, strict=True)),
             domain=domain,
-            _first=first,
+            _first=first_corner,
         )
 
     def displacements(self, block: Array) -> Array:
@@ -207,10 +209,10 @@ class Tetrahedra:
     ) -> Domain:
         """A body of what is not void; facets refer to places in ``names``."""
         with on_every_rank(comm, "a body of tetrahedra"):
-            there = self.regions != VOID
-            used, cells = np.unique(self.cells[there], return_inverse=True)
+            not_void = self.regions != VOID
+            used, cells = np.unique(self.cells[not_void], return_inverse=True)
             cells = cells.reshape(-1, 4)
-            tags, solid = self.facets[there], self.regions[there] == SOLID
+            tags, solid = self.facets[not_void], self.regions[not_void] == SOLID
             sides = cells[:, _OPPOSITE]
             triples = {n: np.sort(sides[tags == i], axis=1) for i, n in enumerate(names)}
         triples, solid = comm.bcast((triples, solid))
@@ -218,16 +220,22 @@ class Tetrahedra:
         number = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
         node = number[vertex_nodes(mesh)]
         sides = np.sort(node[_compat.entity_vertices(mesh, 2)], axis=1)
-        held = {
+        facets_by_name = {
             name: np.flatnonzero(np.isin(sides @ _KEY, triple @ _KEY)).astype(np.int32)
             for name, triple in triples.items()
             if len(triple)
         }
         mine = np.asarray(mesh.topology.original_cell_index)
         chosen = solid[mine[: mesh.topology.index_map(3).size_local]]
-        kept = {name: center for name, center in centers.items() if name in held}
+        known_centers = {name: center for name, center in centers.items() if name in facets_by_name}
         # a part that stays solid everywhere has nothing that could be designed again
-        return Domain(mesh, held, None if np.all(solid) else chosen, order=order, centers=kept)
+        return Domain(
+            mesh,
+            facets_by_name,
+            None if np.all(solid) else chosen,
+            order=order,
+            centers=known_centers,
+        )
 
 
 def _facets(domain: Domain) -> Integers:
@@ -235,11 +243,13 @@ def _facets(domain: Domain) -> Integers:
     topology = domain.mesh.topology
     facets = topology.index_map(2)
     tag = np.full(facets.size_local + facets.num_ghosts, -1, dtype=np.int64)
-    for i, part in enumerate(domain.interfaces.values()):
-        tag[part.facets] = i
+    for i, interface in enumerate(domain.interfaces.values()):
+        tag[interface.facets] = i
     sides = [sorted(side) for side in basix.topology(getattr(basix.CellType, domain.cell))[2]]
-    wanted = np.array(CORNERS[domain.cell])[_OPPOSITE if domain.cell == "tetrahedron" else _FACES]
-    columns = [sides.index(side) for side in np.sort(wanted, axis=1).tolist()]
+    sides_in_order = np.array(CORNERS[domain.cell])[
+        _OPPOSITE if domain.cell == "tetrahedron" else _FACES
+    ]
+    columns = [sides.index(side) for side in np.sort(sides_in_order, axis=1).tolist()]
     of_cells = np.asarray(topology.connectivity(3, 2).array).reshape(-1, len(sides))
     return np.asarray(tag[of_cells[: domain.n_cells][:, columns]])
 
@@ -249,15 +259,17 @@ def numbered(points: Array) -> tuple[Array, Integers]:
     low = points.min(axis=0)
     step = float(np.max(np.ptp(points, axis=0))) / _STEPS
     # off the round numbers: one and the same point would be rounded to either side of a half
-    whole = np.floor((points - low) / step + 0.3127).astype(np.int64)
-    _, first, which = np.unique(whole @ _KEY, return_index=True, return_inverse=True)
-    return points[first], which
+    rounded = np.floor((points - low) / step + 0.3127).astype(np.int64)
+    _, first_index, number_of_point = np.unique(
+        rounded @ _KEY, return_index=True, return_inverse=True
+    )
+    return points[first_index], number_of_point
 
 
 def _division(domain: Domain, finer: int) -> tuple[tuple[int, int, int], bool]:
     """Parts of a hexahedron along its axes, and whether the middles of their faces are corners."""
-    every = _divisions(tuple(domain.cell_edges))
-    return every[min(finer, len(every) - 1)]  # the last has more than can be cut
+    divisions = _divisions(tuple(domain.cell_edges))
+    return divisions[min(finer, len(divisions) - 1)]  # the last has more than can be cut
 
 
 @lru_cache(maxsize=64)
@@ -267,46 +279,49 @@ def _divisions(edges: tuple[float, ...]) -> list[tuple[tuple[int, int, int], boo
     Cells are divided into parts as long as wide, as far as that goes.
     """
     longer = np.array(edges) / min(edges)
-    ends = np.concatenate([(np.arange(1, _PARTS) + 0.5) / each for each in longer])
+    ends = np.concatenate([(np.arange(1, _PARTS) + 0.5) / edge_ratio for edge_ratio in longer])
     scales = np.unique(np.round(ends, 9))
     counts = np.maximum(1, np.floor(scales[:, None] * longer + 0.5 + 1e-6)).astype(int)
-    every = []
-    for own in np.unique(np.vstack([np.ones((1, 3), dtype=int), counts]), axis=0):
-        part = longer / own
-        apart = float(part.max() / part.min())
-        if np.all(own == 1) or apart < _ALIKE:
-            every += [(math.prod(own) * (1 + f), apart, tuple(own.tolist()), f) for f in (0, 1)]
-    found, last = [], 0.0
-    for count, _, own, with_faces in sorted(every):
-        if count > _FINER * last:
-            found.append((own, bool(with_faces)))
-            last = count
-    return found
+    candidates = []
+    for counts_of_cell in np.unique(np.vstack([np.ones((1, 3), dtype=int), counts]), axis=0):
+        edges_of_part = longer / counts_of_cell
+        aspect = float(edges_of_part.max() / edges_of_part.min())
+        if np.all(counts_of_cell == 1) or aspect < _ALIKE:
+            candidates += [
+                (math.prod(counts_of_cell) * (1 + f), aspect, tuple(counts_of_cell.tolist()), f)
+                for f in (0, 1)
+            ]
+    divisions, last_count = [], 0.0
+    for count, _, counts_of_cell, with_faces in sorted(candidates):
+        if count > _FINER * last_count:
+            divisions.append((counts_of_cell, bool(with_faces)))
+            last_count = count
+    return divisions
 
 
 def _boxes(counts: tuple[int, int, int]) -> Array:
     """Corners of so many parts of a cube by weights of its own corners, (parts, 8, 8)."""
-    parts = np.array(list(product(*map(range, counts))))
-    where = (parts[:, None, :] + _CUBE) / counts
-    factors = np.where(_CUBE == 1, where[:, :, None, :], 1.0 - where[:, :, None, :])
+    lower_corners = np.array(list(product(*map(range, counts))))
+    positions = (lower_corners[:, None, :] + _CUBE) / counts
+    factors = np.where(_CUBE == 1, positions[:, :, None, :], 1.0 - positions[:, :, None, :])
     return np.asarray(np.prod(factors, axis=3))
 
 
 def _divided(body: Tetrahedra, weights: Array) -> Tetrahedra:
     """Cells, also hexahedra, divided into cells alike, by weights (parts, corners, corners)."""
-    parts, corners = weights.shape[:2]
+    n_parts, corners = weights.shape[:2]
     positions = np.einsum("pkc,nci->npki", weights, body.points[body.cells])
-    points, which = numbered(positions.reshape(-1, 3))
+    points, number_of_corner = numbered(positions.reshape(-1, 3))
     sides = _FACES if corners == 8 else _OPPOSITE
     # a side of a part is on that side of the cell whose corners alone give its corners
-    tags = np.full((len(body.cells), parts, len(sides)), -1, dtype=np.int64)
-    for part, i in product(range(parts), range(len(sides))):
-        needed = np.any(weights[part, sides[i]] > 1e-12, axis=0)
+    tags = np.full((len(body.cells), n_parts, len(sides)), -1, dtype=np.int64)
+    for k, i in product(range(n_parts), range(len(sides))):
+        needed = np.any(weights[k, sides[i]] > 1e-12, axis=0)
         for j, side in enumerate(sides):
             if not np.any(np.delete(needed, side)):
-                tags[:, part, i] = body.facets[:, j]
-    cells, facets = which.reshape(-1, corners), tags.reshape(-1, len(sides))
-    return Tetrahedra(points, cells, facets, np.repeat(body.regions, parts))
+                tags[:, k, i] = body.facets[:, j]
+    cells, facets = number_of_corner.reshape(-1, corners), tags.reshape(-1, len(sides))
+    return Tetrahedra(points, cells, facets, np.repeat(body.regions, n_parts))
 
 
 def _split(body: Tetrahedra, *, with_faces: bool) -> Tetrahedra:
@@ -314,13 +329,15 @@ def _split(body: Tetrahedra, *, with_faces: bool) -> Tetrahedra:
     points, cells = body.points, body.cells
     sides = cells[:, _FACES]
     middle = len(points) + np.arange(len(cells))
-    every = [points, points[cells].mean(axis=1)]
+    all_points = [points, points[cells].mean(axis=1)]
     triangles: list[Integers] = []
     if with_faces:
         flat = np.sort(sides.reshape(-1, 4), axis=1)
-        _, first, of = np.unique(flat, axis=0, return_index=True, return_inverse=True)
-        every.append(points[flat[first]].mean(axis=1))
-        top = len(points) + len(cells) + of.reshape(sides.shape[:2])
+        _, first_index, number_of_face = np.unique(
+            flat, axis=0, return_index=True, return_inverse=True
+        )
+        all_points.append(points[flat[first_index]].mean(axis=1))
+        top = len(points) + len(cells) + number_of_face.reshape(sides.shape[:2])
         for i in range(4):
             pair = sides[:, :, [(i + 1) % 4, i]]
             triangles.append(np.concatenate([pair, top[:, :, None]], axis=2))
@@ -329,12 +346,14 @@ def _split(body: Tetrahedra, *, with_faces: bool) -> Tetrahedra:
         start = np.argmin(sides, axis=2)[:, :, None]
         turned = np.take_along_axis(sides, (start + np.arange(4)) % 4, axis=2)
         triangles = [turned[:, :, [1, 0, 2]], turned[:, :, [2, 0, 3]]]
-    found, tags = [], []
+    tetrahedra, tags = [], []
     for triangle in triangles:
         inner = np.broadcast_to(middle[:, None, None], (*triangle.shape[:2], 1))
-        found.append(np.concatenate([triangle, inner], axis=2).reshape(-1, 4))
+        tetrahedra.append(np.concatenate([triangle, inner], axis=2).reshape(-1, 4))
         tag = np.full((body.facets.size, 4), -1, dtype=np.int64)
         tag[:, 3] = body.facets.ravel()
         tags.append(tag)
     regions = np.tile(np.repeat(body.regions, 6), len(triangles))
-    return Tetrahedra(np.vstack(every), np.concatenate(found), np.concatenate(tags), regions)
+    return Tetrahedra(
+        np.vstack(all_points), np.concatenate(tetrahedra), np.concatenate(tags), regions
+    )
