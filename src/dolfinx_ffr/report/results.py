@@ -24,42 +24,46 @@ _REASONS = {
 def status(run: Run) -> list[str]:
     """How the run ended, in sentences."""
     record = run.record
-    said = []
-    beyond = {name: over for name, over in _beyond_by_part(run).items() if over > _BEYOND}
-    each = (f"{n} by {percent(over)} % ({_told_of_part(run, n)})" for n, over in beyond.items())
-    by_part = ", ".join(each)
+    sentences = []
+    exceeded = {name: over for name, over in _excess_of_part(run).items() if over > _BEYOND}
+    by_part = ", ".join(
+        f"{name} by {percent(over)} % ({_values_and_bound(run, name)})"
+        for name, over in exceeded.items()
+    )
     if record.get("feasible") is True:
-        of = " as reported" if run.moved else " for the densities"
-        but = f"{of}, but the part exceeds {by_part}" if by_part else ""
-        said.append(f"All constraints hold{but}.")
+        where = " as reported" if run.moved else " for the densities"
+        but = f"{where}, but the part exceeds {by_part}" if by_part else ""
+        sentences.append(f"All constraints hold{but}.")
     elif record.get("feasible") is False:
-        broken = ", ".join(f"{n} by {percent(v)} %" for n, v in run.mapping("violations").items())
-        said.append(f"Constraints are violated: {broken or 'see the table below'}.")
+        violations = run.mapping("violations").items()
+        names = ", ".join(f"{name} by {percent(share)} %" for name, share in violations)
+        sentences.append(f"Constraints are violated: {names or 'see the table below'}.")
     if by_part and record.get("feasible") is not True:
-        said.append(f"The part exceeds {by_part}.")
+        sentences.append(f"The part exceeds {by_part}.")
     reason = str(record.get("reason") or "")
     if reason:
         iterations = record.get("iterations")
         after = f" after {iterations} iterations" if isinstance(iterations, int) else ""
-        said.append(f"The run ended{after}: {_REASONS.get(reason, reason)}.")
+        sentences.append(f"The run ended{after}: {_REASONS.get(reason, reason)}.")
     bound = run.mapping("bound")
     if real(bound.get("gap")):
         text = str(bound.get("text"))
-        said.append(f"{text[:1].upper()}{text[1:]}.")
+        sentences.append(f"{text[:1].upper()}{text[1:]}.")
     if run.verification.get("converged") is False:
-        said.append("ψ of the part still changes with its mesh.")
-    given = record.get("warnings")
-    if isinstance(given, list) and given:
-        said.append(f"{len(given)} {'warning' if len(given) == 1 else 'warnings'}, see below.")
-    return said
+        sentences.append("ψ of the part still changes with its mesh.")
+    warnings = record.get("warnings")
+    if isinstance(warnings, list) and warnings:
+        count = len(warnings)
+        sentences.append(f"{count} {'warning' if count == 1 else 'warnings'}, see below.")
+    return sentences
 
 
 def cards(run: Run) -> list[dict[str, str]]:
     """The few numbers that matter most: label, value, unit and a line below."""
-    found: list[dict[str, str]] = []
+    numbers: list[dict[str, str]] = []
 
     def card(label: str, value: str, unit: str, below: str) -> None:
-        found.append({"label": label, "value": value, "unit": unit, "below": below})
+        numbers.append({"label": label, "value": value, "unit": unit, "below": below})
 
     psi, part = run.record.get("psi"), run.verification.get("part")
     unit = run.psi.name
@@ -82,33 +86,33 @@ def cards(run: Run) -> list[dict[str, str]]:
         bound = run.bounds.get(f"volume of {name}")
         limit = f", at most {Scale('', 1).given(100.0 * bound)} %" if real(bound) else ""
         card("Material", percent(share, 3), "%", f"of the full {name}{limit}")
-    for name, given in list(run.mapping("parts").items())[:2]:
-        if real(given.get("mass")):
-            card("Mass", *Scale.of("kg", given["mass"]), f"of the part {name}")
-    stress = {n: s["value"] for n, s in run.mapping("stress").items()}
-    of = "densities"
+    for name, entry in list(run.mapping("parts").items())[:2]:
+        if real(entry.get("mass")):
+            card("Mass", *Scale.of("kg", entry["mass"]), f"of the part {name}")
+    stress = {name: entry["value"] for name, entry in run.mapping("stress").items()}
+    source = "densities"
     for name, body in run.mapping("verification").get("bodies", {}).items():
         if real(body["stress"][1]):
-            stress[name], of = body["stress"][1], "part"
+            stress[name], source = body["stress"][1], "part"
     if stress:
         worst = max(stress, key=lambda name: stress[name])
-        card("Largest stress", *Scale.of("Pa", stress[worst]), f"von Mises, {of} {worst}")
-    return found
+        card("Largest stress", *Scale.of("Pa", stress[worst]), f"von Mises, {source} {worst}")
+    return numbers
 
 
 def accuracy(run: Run) -> dict[str, Any]:
     """The objective beside its errors."""
-    found, scene = run.verification, run.mapping("scene")
+    verification, scene = run.verification, run.mapping("scene")
     psi, gray, unit = run.record.get("psi"), run.record.get("gray"), run.psi.name
     values: list[Row] = []
     if real(psi):
-        of = "part, on the mesh of its last step" if run.moved else "densities"
-        values.append((f"Reported, of the {of}", run.psi.text(psi, 5), unit, "0"))
-    kinds = {body.get("elements", "triangles") for body in found.get("bodies", {}).values()}
+        source = "part, on the mesh of its last step" if run.moved else "densities"
+        values.append((f"Reported, of the {source}", run.psi.text(psi, 5), unit, "0"))
+    kinds = {body.get("elements", "triangles") for body in verification.get("bodies", {}).values()}
     elements = kinds.pop() if len(kinds) == 1 else "cells"
-    for mesh in found["meshes"] if found else []:
+    for mesh in verification["meshes"] if verification else []:
         what = f"Part, {elements} of {' '.join(Scale.of('m', mesh['size'], 3))}"
-        change = mesh["psi"] / found["reported"] - 1.0
+        change = mesh["psi"] / verification["reported"] - 1.0
         values.append((what, run.psi.text(mesh["psi"], 5), unit, percent(change, 3, sign=True)))
     errors: list[Row] = []
 
@@ -119,34 +123,33 @@ def accuracy(run: Run) -> dict[str, Any]:
             errors.append((what, percent(share, sign=sign), plus + size, how))
 
     modes = scene.get("modes_error", run.record.get("mode_error"))
-    if found:
-        how = "the part, simulated anew"
+    if verification:
         what = "Part on finer meshes" if run.moved else "Part instead of densities"
-        error(what, found["difference"], how, sign=True)
-        still = "stands still" if found.get("converged") else "still changes"
-        limit = f"{still} within {percent(found.get('tolerance'))} %"
-        error("Mesh of the part", found.get("change"), f"{elements} made smaller: {limit}")
+        error(what, verification["difference"], "the part, simulated anew", sign=True)
+        state = "stands still" if verification.get("converged") else "still changes"
+        limit = f"{state} within {percent(verification.get('tolerance'))} %"
+        error("Mesh of the part", verification.get("change"), f"{elements} made smaller: {limit}")
     error("Normal modes left out", modes, "estimated by residual modes")
     error("Time step", scene.get("step_error"), "estimated by two methods with shorter steps")
     head = ["", "ψ", "Unit", "Beside reported [%]"]
     note = f"{percent(gray)} % of the area is neither void nor solid." if real(gray) else ""
-    told = Table.of(f"{run.objective} ψ", head, values, [1, 3], note)
+    psi_table = Table.of(f"{run.objective} ψ", head, values, [1, 3], note)
     head = ["", "Relative [%]", f"Absolute [{unit}]" if unit else "Absolute", "How it is known"]
     note = "The design was not evaluated as a part."
-    if found:
+    if verification:
         note = "Modes and time step were judged at the reported design."
-    return {"values": told, "errors": Table.of("Errors of ψ", head, errors, [1, 2], note)}
+    return {"values": psi_table, "errors": Table.of("Errors of ψ", head, errors, [1, 2], note)}
 
 
 def constraints(run: Run) -> Table | None:
     """Values and bounds."""
-    rows, beyond = [], _beyond_by_part(run)
-    for name, given in run.mapping("constraints").items():
-        scale = Scale(str(given["unit"]), given["bound"])
-        broken, over = given["violation"], beyond.get(name)
-        values = (scale.text(given["value"]), scale.text(_of_part(run, name)))
-        bound = f"{given['kind']} {scale.given(given['bound'])}"
-        violation = f"{percent(broken)} %" if broken else "none"
+    rows, excess = [], _excess_of_part(run)
+    for name, entry in run.mapping("constraints").items():
+        scale = Scale(str(entry["unit"]), entry["bound"])
+        violated, over = entry["violation"], excess.get(name)
+        values = (scale.text(entry["value"]), scale.text(_of_part(run, name)))
+        bound = f"{entry['kind']} {scale.given(entry['bound'])}"
+        violation = f"{percent(violated)} %" if violated else "none"
         by_part = NOTHING if over is None else "none" if over <= 0.0 else f"{percent(over)} %"
         rows.append((name, *values, bound, scale.name or NOTHING, violation, by_part))
     head = ["Constraint", "Reported", "Part", "Bound", "Unit", "Violation", "by the part"]
@@ -156,12 +159,12 @@ def constraints(run: Run) -> Table | None:
 def parameters(run: Run) -> Table | None:
     """Parameters of the mechanism: start, value, bounds, and whether they stand at one."""
     ends: dict[str, Any] = {}
-    for at in run.mapping("at_bounds").values():
-        ends |= at
+    for of_body in run.mapping("at_bounds").values():
+        ends |= of_body
     rows = []
-    for name, given in run.mapping("parameters").items():
-        scale = Scale(given["unit"], given["value"])
-        numbers = (scale.text(given[key]) for key in ("start", "value", "lower", "upper"))
+    for name, entry in run.mapping("parameters").items():
+        scale = Scale(entry["unit"], entry["value"])
+        numbers = (scale.text(entry[key]) for key in ("start", "value", "lower", "upper"))
         at_bound = f"{ends[name]} bound" if name in ends else NOTHING
         rows.append((name, *numbers, scale.name or NOTHING, at_bound))
     head = ["Parameter", "Start", "Value", "Lower bound", "Upper bound", "Unit", "Stands at"]
@@ -170,32 +173,32 @@ def parameters(run: Run) -> Table | None:
 
 def _of_part(run: Run, name: str) -> float | None:
     """The part's value of a constraint; values of volume bounds stand with the bodies."""
-    volumes = run.verification.get("bodies", {})
-    if name.startswith("volume of ") and name[10:] in volumes:
-        found = volumes[name[10:]]["volume"]
+    bodies, body = run.verification.get("bodies", {}), name.removeprefix("volume of ")
+    if body != name and body in bodies:
+        _, value = bodies[body]["volume"]
     else:
-        found = run.verification.get("constraints", {}).get(name, [None, None])
-    return None if found[1] is None else float(found[1])
+        _, value = run.verification.get("constraints", {}).get(name, [None, None])
+    return None if value is None else float(value)
 
 
-def _beyond_by_part(run: Run) -> dict[str, float]:
+def _excess_of_part(run: Run) -> dict[str, float]:
     """By how much the part exceeds bounds, relative to these; negative where they hold."""
-    beyond = {}
-    for name, given in run.mapping("constraints").items():
-        part, bound = _of_part(run, name), given["bound"]
+    excess = {}
+    for name, entry in run.mapping("constraints").items():
+        part, bound = _of_part(run, name), entry["bound"]
         if part is not None and bound:
-            sign = -1.0 if given["kind"] == "at least" else 1.0
-            beyond[name] = sign * (part - bound) / abs(bound)
-    return beyond
+            sign = -1.0 if entry["kind"] == "at least" else 1.0
+            excess[name] = sign * (part - bound) / abs(bound)
+    return excess
 
 
-def _told_of_part(run: Run, name: str) -> str:
+def _values_and_bound(run: Run, name: str) -> str:
     """Value of the densities and of the part beside the bound."""
-    given = run.mapping("constraints")[name]
-    scale = Scale(str(given["unit"]), given["bound"])
-    told, part = scale.text(given["value"]), scale.text(_of_part(run, name))
-    bound = f"{given['kind']} {scale.given(given['bound'])} {scale.name}".rstrip()
-    return f"reported {told}, part {part}, {bound}"
+    entry = run.mapping("constraints")[name]
+    scale = Scale(str(entry["unit"]), entry["bound"])
+    reported, part = scale.text(entry["value"]), scale.text(_of_part(run, name))
+    bound = f"{entry['kind']} {scale.given(entry['bound'])} {scale.name}".rstrip()
+    return f"reported {reported}, part {part}, {bound}"
 
 
 def load_cases(run: Run) -> Table | None:
@@ -219,11 +222,11 @@ def comparison(run: Run) -> Table | None:
         return None
     name, reference = next(iter(run.references.items()))
     reported, part = run.record.get("psi"), run.verification.get("part")
-    given = {"Design, reported": reported, "Design, part": part}
-    given |= {key[:1].upper() + key[1:]: psi for key, psi in run.references.items()}
+    designs = {"Design, reported": reported, "Design, part": part}
+    designs |= {key[:1].upper() + key[1:]: psi for key, psi in run.references.items()}
     rows = [
         (key, run.psi.text(psi), run.psi.name or NOTHING, percent(psi / reference, 3))
-        for key, psi in given.items()
+        for key, psi in designs.items()
         if real(psi)
     ]
     head = ["", "ψ", "Unit", f"Of the {name} [%]"]
@@ -232,17 +235,17 @@ def comparison(run: Run) -> Table | None:
 
 def reported_and_part(run: Run) -> list[Table]:
     """For each body the values of the densities beside those of the part."""
-    found = []
+    tables = []
     for name, body in run.verification.get("bodies", {}).items():
         rows: list[Row] = []
 
         def row(what: str, unit: str, pair: Sequence[Any], rows: list[Row] = rows) -> None:
-            before, after = pair
-            if real(before) or real(after):
+            reported, part = pair
+            if real(reported) or real(part):
                 scale = Scale(unit, max(abs(v) for v in pair if real(v)))
-                both = real(before) and real(after) and before
-                change = percent(after / before - 1.0, 3, sign=True) if both else NOTHING
-                rows.append((what, scale.text(before), scale.text(after), scale.name, change))
+                comparable = real(reported) and real(part) and reported
+                change = percent(part / reported - 1.0, 3, sign=True) if comparable else NOTHING
+                rows.append((what, scale.text(reported), scale.text(part), scale.name, change))
 
         row("Mass", "kg", body["mass"])
         row("Share of the full body", "-", body["volume"])
@@ -257,24 +260,24 @@ def reported_and_part(run: Run) -> list[Table]:
             "interfaces held."
         )
         head = ["", "Reported", "Part", "Unit", "Change [%]"]
-        found.append(Table.of(f"Body {name}", head, rows, [1, 2, 4], note))
-    return [table for table in found if table]
+        tables.append(Table.of(f"Body {name}", head, rows, [1, 2, 4], note))
+    return [table for table in tables if table]
 
 
 def own_figures(run: Run) -> Table | None:
     """Stress and frequencies of the densities, where no part was verified."""
-    done = run.verification.get("bodies", {})
+    verified = run.verification.get("bodies", {})
     rows = []
-    for name, given in run.mapping("stress").items():
-        if name not in done:
-            place = zip("xyz", (Scale("m", 1.0).text(v) for v in given["position"]), strict=False)
-            at = ", ".join(f"{axis} = {value} mm" for axis, value in place)
-            case = f", in load case {given['load_case']}" if given.get("load_case") else ""
-            where = f"at {' '.join(Scale.of('s', given['time']))}, {at}{case}"
-            value = Scale.of("Pa", given["value"])
+    for name, stress in run.mapping("stress").items():
+        if name not in verified:
+            position = (Scale("m", 1.0).text(v) for v in stress["position"])
+            place = ", ".join(f"{x} = {v} mm" for x, v in zip("xyz", position, strict=False))
+            case = f", in load case {stress['load_case']}" if stress.get("load_case") else ""
+            where = f"at {' '.join(Scale.of('s', stress['time']))}, {place}{case}"
+            value = Scale.of("Pa", stress["value"])
             rows.append((name, "Largest von Mises stress", *value, where))
     for name, values in run.mapping("frequencies").items():
-        if name not in done:
+        if name not in verified:
             for number, f in enumerate(values, 1):
                 rows.append((name, f"Frequency {number}", fixed(f), "Hz", "interfaces held"))
     head = ["Body", "", "Value", "Unit", ""]
