@@ -12,7 +12,13 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from shared.problems import crank_motion, four_bar, slider_crank, three_load_cases
+from shared.problems import (
+    crank_motion,
+    four_bar,
+    slider_crank,
+    swing_about_a_point,
+    three_load_cases,
+)
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.lower_bound.certificate import Bernstein
@@ -180,6 +186,8 @@ def refused(case: str) -> ffr.Problem:
         objective = ffr.PeakCompliance()
     elif case == "stiffening":
         return four_bar(MPI.COMM_SELF, COMPLIANCE)
+    elif case == "a marker":
+        return swing_about_a_point(MPI.COMM_SELF, 400)
     elif case == "vibrations":
         mechanism, integrator = crank_motion(0.05), ffr.GeneralizedAlpha(0.05, 800)
     return ffr.Problem(plain.bodies, mechanism, integrator, objective)
@@ -192,6 +200,7 @@ def refused(case: str) -> ffr.Problem:
         ("a freedom", "the rigid motion depends on the parts: 2 rows"),
         ("another objective", "the objective is PeakCompliance"),
         ("stiffening", "'coupler' has geometric stiffness"),
+        ("a marker", "or modes that are left out"),
         ("vibrations", "vibrations count"),
     ],
 )
@@ -204,3 +213,14 @@ def test_an_outline_that_is_designed_has_no_bound() -> None:
     result = SimpleNamespace(designs={"rod": SimpleNamespace()})
     with pytest.raises(ValueError, match="outline of 'rod' is designed itself"):
         ffr.Result.lower_bound.func(result)
+
+
+def test_too_coarse_a_mesh_has_no_bound() -> None:
+    hanging = {
+        "placements": {"bar": ffr.Placement()},
+        "joints": [ffr.Weld(("bar", "left"), ffr.Ground())],
+        "gravity": (9.81, 0.0),
+        "start": ffr.StaticEquilibrium(),
+    }
+    with pytest.raises(ValueError, match="not above zero; take smaller elements"):
+        ffr.bound(bar(hanging, ffr.GeneralizedAlpha(1.0, 4)), volume=0.002)

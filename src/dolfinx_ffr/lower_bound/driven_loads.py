@@ -37,6 +37,8 @@ from ..mechanism import Mechanism
 #: Largest condition of the joints' equations, their rows of unit length, that still holds the rigid
 #: motion: beyond it a machine stands in a singular position, where forces are not determined
 _SINGULAR = 1e10
+#: Share of its mass that a designed body keeps where forces without it are wanted
+_MASSLESS = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,13 +114,6 @@ def driven_loads(trajectory: Trajectory, designed: Sequence[str]) -> dict[str, D
         states.append((w[rigid], eq.r.copy(), eq.C.copy(), carried))
     w, forces, rows, carried = (np.array(each) for each in zip(*states, strict=True))
 
-    fields = {name: _accelerations(trajectory, w, name) for name in designed}
-    # the inertia of the designed bodies is no part of the forces that do not depend on it
-    for name in designed:
-        inertia = _inertia(model.bodies[name])
-        at, turn = places[name], trajectory.rotation(name)
-        own = np.einsum("tk,kl,le->te", fields[name], inertia, rigid_motions(model.dimension))
-        forces[:, at.rigid] -= _with_translations(own, turn)
     multipliers = -np.einsum("trc,tc->tr", carried, forces[:, rigid])
     found = {}
     for name in designed:
@@ -129,9 +124,10 @@ def driven_loads(trajectory: Trajectory, designed: Sequence[str]) -> dict[str, D
         for other in designed:
             of_rigid = model.coordinates(other).rigid
             by_force = np.einsum("trp,trc->tpc", probes, carried[:, :, of_rigid])
-            turn = np.swapaxes(trajectory.rotation(other), 1, 2)
-            reactions[other] = _with_translations(by_force, turn)
-        found[name] = DrivenLoads(fields[name], fixed, reactions)
+            d, turn = model.dimension, trajectory.rotation(other)
+            by_force[..., :d] = by_force[..., :d] @ turn  # forces in the axes of the body
+            reactions[other] = by_force
+        found[name] = DrivenLoads(_accelerations(trajectory, w, name), fixed, reactions)
     return found
 
 
@@ -152,11 +148,12 @@ def _probing(model: FlatModel, designed: Sequence[str]) -> FlatModel:
 
 
 def _probed(body: VolumeIntegrals) -> VolumeIntegrals:
-    """A rigid ``body`` with a shape function for each motion of each marker."""
+    """A body all but without mass, with a shape function for each motion of each marker."""
     d = body.dimension
     motions = 3 * d - 3
     n = motions * len(body.markers)
-    S = np.vstack([body.S, np.zeros((n, d))])
+    mass = _MASSLESS * body.mass
+    S = np.vstack([_MASSLESS * body.S[:1], np.zeros((n, d))])
     markers = {}
     for number, (name, point) in enumerate(body.markers.items()):
         shapes = np.eye(motions, n, motions * number)
@@ -164,12 +161,12 @@ def _probed(body: VolumeIntegrals) -> VolumeIntegrals:
         markers[name] = BodyMarker(point.position, shapes[:d], rotation, None, point.axes)
     if body.P is not None:
         P = np.zeros((n + 1, n + 1, d, d))
-        P[0, 0] = body.P[0, 0]
+        P[0, 0] = _MASSLESS * body.P[0, 0]
         P[range(1, n + 1), range(1, n + 1)] = np.eye(d)
-        return VolumeIntegrals.in_space(body.mass, S, P, np.eye(n), markers)
+        return VolumeIntegrals.in_space(mass, S, P, np.eye(n), markers)
     G = np.eye(n + 1)
-    G[0, 0] = body.G[0, 0]
-    return VolumeIntegrals(body.mass, S, G, np.zeros((n + 1, n + 1)), np.eye(n), markers)
+    G[0, 0] = _MASSLESS * body.G[0, 0]
+    return VolumeIntegrals(mass, S, G, np.zeros((n + 1, n + 1)), np.eye(n), markers)
 
 
 def _refuse_singular(model: FlatModel, rows: Array, time: float) -> None:
@@ -194,25 +191,3 @@ def _accelerations(trajectory: Trajectory, w: Array, name: str) -> Array:
     spins = np.cross(np.eye(3), speed[:, None, :])  # rows of the matrix of the cross product
     gradient = np.cross(np.eye(3), growth[:, None, :]) + spins @ spins
     return np.column_stack([moved, gradient.reshape(len(moved), 9)])
-
-
-def _inertia(body: VolumeIntegrals) -> Array:
-    """Int rho F_k . F_l of the fields of acceleration of a rigid ``body``, symmetric."""
-    d = body.dimension
-    first = body.S[0]
-    if d == 2:
-        turned = np.array([-first[1], first[0]])
-        second = body.G[0, 0] * np.eye(2)
-        across = np.column_stack([first, turned])
-    else:
-        assert body.P is not None
-        across = np.kron(np.eye(3), first)
-        second = np.kron(np.eye(3), body.P[0, 0])
-    return np.block([[body.mass * np.eye(d), across], [across.T, second]])
-
-
-def _with_translations(columns: Array, turn: Array) -> Array:
-    """The last axis of ``columns``, (instants, ..., motions), with its translations turned."""
-    d = turn.shape[-1]
-    turned = np.einsum("tij,t...j->t...i", turn, columns[..., :d])
-    return np.concatenate([turned, columns[..., d:]], axis=-1)

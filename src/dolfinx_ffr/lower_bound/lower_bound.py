@@ -102,7 +102,7 @@ def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None
     Raises:
         ValueError: On every rank, where the reasoning does not hold: the rigid motion depends on
             the parts, vibrations count, an objective is another one, a body has geometric
-            stiffness, or a mesh has curved cells.
+            stiffness, a mesh has curved cells, or is so coarse that the bound is not above zero.
     """
     validation.instance("bound: the problem", problem, Problem, "a Problem")
     with on_every_rank(problem.comm, WORK):
@@ -117,12 +117,15 @@ def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None
     vibrations = full.psi / static - 1.0
     if abs(vibrations) > _VIBRATIONS:
         raise ValueError(
-            f"bound: vibrations count: with them psi of the full bodies is {full.psi:.4g}, and "
-            f"without them {static:.4g}, for which alone there is a bound"
+            f"bound: vibrations count, or modes that are left out: psi of the full bodies is "
+            f"{full.psi:.4g}, and {static:.4g} without vibrations, for which alone there is a bound"
         )
     sheet, support = best_sheet(bodies, cases, shares, problem.combine, _TOLERANCE, _STEPS)
+    psi = certified(support, bodies, shares)
+    if not psi > 0.0:
+        raise ValueError("bound: on this mesh it is not above zero; take smaller elements")
     return LowerBound(
-        psi=certified(support, bodies, shares),
+        psi=psi,
         full=static,
         sheet=dict(sheet.densities),
         sheet_psi=problem.combine.value(sheet.psi),
