@@ -134,7 +134,7 @@ def test_arguments_that_differ_are_named(comm: MPI.Intracomm) -> None:
         "force": (2.4e-5 * np.ones(3), 2.49e-5 * np.ones(3), "3 numbers of norm 4.15"),
         "tolerance": (1e-9, 1e-11, "1e-09 on rank 0, and 1e-11"),
         "many steps": (10**9, 10**9 + 1, "1000000000 on rank 0, and 1000000001"),
-        "size": (np.zeros(3), np.zeros(4), "3 numbers on rank 0, and 4 numbers"),
+        "size": (np.zeros(3), np.zeros(4), "3 numbers of .* on rank 0, and 4 numbers"),
         "optimizer": (ffr.MMA(move=0.05), ffr.MMA(move=0.06), r"move=0\.05"),
     }
     with pytest.raises(ValueError, match=r"only differs .*nothing on rank 0, and 1 on rank"):

@@ -26,10 +26,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         "dolfinx_ffr",
         description="From an outline and a motion to a part.",
-        epilog="dolfinx_ffr COMMAND --help tells what a command takes.",
+        epilog="dolfinx_ffr COMMAND --help says what a command takes.",
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    of = {
+    parsers = {
         name: commands.add_parser(
             name,
             help=text,
@@ -38,44 +38,43 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         for name, (text, example) in _COMMANDS.items()
     }
-    of["new"].add_argument("name", nargs="?", help="of the example; without it they are listed")
-    for name in ("check", "design"):
-        of[name].add_argument("file", type=Path, help="scene file, TOML")
+    new, check, design, report, compile_ = parsers.values()
+    new.add_argument("name", nargs="?", help="of the example; without it they are listed")
+    for command in (check, design):
+        command.add_argument("file", type=Path, help="scene file, TOML")
         text = "folder of the results (default: that of the file)"
-        of[name].add_argument("--output", type=Path, help=text)
-    of["design"].add_argument(
-        "--resume", action="store_true", help="go on from the checkpoint, as after Ctrl-C"
-    )
-    of["design"].add_argument(
-        "--overwrite", action="store_true", help="replace the results of an earlier run"
-    )
-    of["report"].add_argument("folder", help="of the run, for example results/slider_crank")
-    of["report"].add_argument("--output", help="file to write (default: report.html in the folder)")
-    of["report"].add_argument("--title", default="", help="heading (default: the recorded one)")
-    of["compile"].add_argument("--all", action="store_true", help="all integrators")
-    given = parser.parse_args(arguments)
-    if given.command is None:
+        command.add_argument("--output", type=Path, help=text)
+    text = "go on from the checkpoint, as after Ctrl-C"
+    design.add_argument("--resume", action="store_true", help=text)
+    text = "replace the results of an earlier run"
+    design.add_argument("--overwrite", action="store_true", help=text)
+    report.add_argument("folder", help="of the run, for example results/slider_crank")
+    report.add_argument("--output", help="file to write (default: report.html in the folder)")
+    report.add_argument("--title", default="", help="heading (default: the recorded one)")
+    compile_.add_argument("--all", action="store_true", help="all integrators")
+    options = parser.parse_args(arguments)
+    if options.command is None:
         parser.print_help(sys.stderr)
         parser.exit(2, "\ndolfinx_ffr: error: say which command\n")
-    if given.command == "compile":
-        compile_beforehand(everything=given.all)
-    elif given.command == "report":
-        make_report(given.folder, given.output, given.title)
-    elif code := with_scene(given):
+    if options.command == "compile":
+        compile_beforehand(everything=options.all)
+    elif options.command == "report":
+        make_report(options.folder, options.output, options.title)
+    elif code := with_scene(options):
         sys.exit(code)
 
 
-def with_scene(given: argparse.Namespace) -> int:
+def with_scene(options: argparse.Namespace) -> int:
     """Run a command on a scene file; the exit code."""
     from . import scene_file
 
     try:
-        if given.command == "new":
-            return scene_file.new(given.name, Path())
-        if given.command == "check":
-            return scene_file.check(given.file, output=given.output)
-        how = {"resume": given.resume, "overwrite": given.overwrite}
-        return scene_file.design(given.file, output=given.output, **how)
+        if options.command == "new":
+            return scene_file.new(options.name, Path())
+        if options.command == "check":
+            return scene_file.check(options.file, output=options.output)
+        how = {"resume": options.resume, "overwrite": options.overwrite}
+        return scene_file.design(options.file, output=options.output, **how)
     except KeyboardInterrupt:
         print("dolfinx_ffr: interrupted", file=sys.stderr)
         return scene_file.INTERRUPTED

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where compiled things are kept for a user whose own cache directory cannot be written."""
+"""A folder for compiled code of a user whose own cache directory cannot be written."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ def spare_directory() -> Path | None:
     path = Path(tempfile.gettempdir()) / f"dolfinx_ffr-{os.getuid()}"
     try:
         path.mkdir(mode=0o700, exist_ok=True)
-        found = path.lstat()
+        status = path.lstat()
     except OSError:
         return None
-    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
-    others = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    ours = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid()
+    others = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
     return path if ours and not others and os.access(path, os.W_OK | os.X_OK) else None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files: written in one stroke, named in errors, by names that are safe; and who may write.
+"""Files that are written whole or not at all, names that are safe, and locks.
 
 Files that other files include are read only where they came with them.
 """
@@ -26,19 +26,20 @@ def file_names(names: Iterable[str]) -> dict[str, str]:
 
     Letters, digits, hyphens and underscores stay, anything else becomes an underscore, so that no
     name leads out of its folder. Where two would become the same, also where small and
-    large letters are not told apart, the later one gets a number; a name that is safe stays.
+    large letters count alike, the later one gets a number; a name that is safe stays.
     """
-    given = list(dict.fromkeys(names))
-    safe = {name: re.sub(r"^-|[^\w-]", "_", name)[:_LONGEST] or "_" for name in given}
-    found, used = {}, {name.casefold() for name in _TAKEN}
-    for name in sorted(given, key=lambda name: safe[name] != name):
-        own, number = safe[name], 1
-        while own.casefold() in used:
+    distinct = list(dict.fromkeys(names))
+    safe = {name: re.sub(r"^-|[^\w-]", "_", name)[:_LONGEST] or "_" for name in distinct}
+    file_name: dict[str, str] = {}
+    used = {name.casefold() for name in _TAKEN}
+    for name in sorted(distinct, key=lambda name: safe[name] != name):
+        candidate, number = safe[name], 1
+        while candidate.casefold() in used:
             number += 1
-            own = f"{safe[name]}-{number}"
-        used.add(own.casefold())
-        found[name] = own
-    return {name: found[name] for name in given}
+            candidate = f"{safe[name]}-{number}"
+        used.add(candidate.casefold())
+        file_name[name] = candidate
+    return {name: file_name[name] for name in distinct}
 
 
 def included_file(name: str, folder: Path) -> Path:
@@ -46,10 +47,10 @@ def included_file(name: str, folder: Path) -> Path:
 
     What a stranger's file names is read only if it came with it: in its folder, or below.
     """
-    named = Path(name)
-    path = folder / named
+    relative = Path(name)
+    path = folder / relative
     inside = path.resolve().is_relative_to(folder.resolve())
-    if named.is_absolute() or ".." in named.parts or not inside:
+    if relative.is_absolute() or ".." in relative.parts or not inside:
         raise ValueError(
             f"it includes {name!r}, which is outside of its folder, and only files in its folder "
             "or below are read; copy that file there, and include it by its name there"
@@ -116,10 +117,7 @@ def check_room(path: Path, size: int) -> None:
 
 
 def _check_end(file: Path) -> None:
-    """Refuse a file that ends where there is no more room: writers in C++ do not say so.
-
-    They remove it, or leave a part of it.
-    """
+    """Refuse a file that was cut because the disk is full, of which writers in C++ say nothing."""
     if not file.exists():
         raise OSError(errno.EIO, "nothing was written", str(file))
     with open(file, "ab") as end:

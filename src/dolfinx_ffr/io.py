@@ -63,9 +63,9 @@ def write_summary(comm: MPI.Comm, path: str | Path, summary: Mapping[str, Any]) 
 
     def write() -> None:
         needed = "a mapping from names to numbers and texts"
-        given = validation.instance("write_summary: summary", summary, Mapping, needed)
+        validation.instance("write_summary: summary", summary, Mapping, needed)
         try:
-            text = json.dumps(plain(given), indent=2)
+            text = json.dumps(plain(summary), indent=2)
         except (RecursionError, ValueError) as error:
             raise ValueError(
                 "write_summary: the summary holds itself, or is nested too deeply for a file: "
@@ -118,7 +118,7 @@ def read_history(path: str | Path) -> dict[str, Array]:
 def save_checkpoint(comm: MPI.Comm, path: Path, state: Mapping[str, Any]) -> None:
     """Write arrays, numbers and texts that rank 0 holds by name, with a checksum.
 
-    An optimizer of one's own may tell another state: that is refused with a TypeError.
+    An optimizer of one's own may hold other things, which are refused with a TypeError.
     """
     arrays = {name: np.asarray(value) for name, value in state.items()}
     for name, array in arrays.items():
@@ -192,11 +192,11 @@ def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Pa
     with on_every_rank(domain.comm, "write_fields"):
         validation.by_name("write_fields: fields", fields, "values of the cells")
         check_alike(domain.comm, "write_fields", {"fields": list(fields)})
-        given = {
+        arrays = {
             name: validation.numbers(f"write_fields: {name!r}", values)
             for name, values in fields.items()
         }
-        for name, values in given.items():
+        for name, values in arrays.items():
             if values.shape != (domain.n_cells,):
                 raise ValueError(
                     f"write_fields: {name!r} must have one value for each cell owned by the rank; "
@@ -204,13 +204,13 @@ def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Pa
                     f"{domain.n_cells} cells"
                 )
     functions = []
-    for name, values in given.items():
+    for name, values in arrays.items():
         function = fem.Function(domain.density_space, name=name)
         function.x.array[: domain.n_cells] = values
         function.x.scatter_forward()
         functions.append(function)
     mesh, cells = domain.mesh, domain.n_cells_global
-    numbers = 3 * mesh.geometry.index_map().size_global + (len(given) + 30) * cells
+    numbers = 3 * mesh.geometry.index_map().size_global + (len(arrays) + 30) * cells
     # the two files name each other: they get their names in a folder beside, and are moved together
     folder = place.with_name(f".{place.stem}.{os.getpid()}")
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""How much is too much: memory of the machine, and sizes at which one should be asked twice.
+"""Limits of memory and of the numbers of cells, points and curves.
 
-A number that is mistyped, or a length in a wrong unit, would else end in hours of work or without
-memory. So what makes cells, points or curves estimates beforehand how many they are.
+A number that is mistyped, or a length in a wrong unit, would otherwise take hours, or all memory.
+So what makes cells, points or curves estimates beforehand how many they are.
 """
 
 from __future__ import annotations
@@ -37,15 +37,13 @@ class LimitError(ValueError):
 
 def available_memory(processes: int = 1) -> int:
     """One process's share of the memory of the machine, or less by a limit [bytes]."""
-    shared = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
+    of_machine = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
     for file in _LIMITS:
-        try:
-            shared.append(int(Path(file).read_text()))
-        except (OSError, ValueError):  # no such file, or "max"
-            continue
-    own = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
-    limits = [soft for soft in own if soft != resource.RLIM_INFINITY]
-    return min([min(shared) // processes, *limits])
+        with suppress(OSError, ValueError):  # no such file, or "max"
+            of_machine.append(int(Path(file).read_text()))
+    limits = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
+    of_process = [soft for soft in limits if soft != resource.RLIM_INFINITY]
+    return min([min(of_machine) // processes, *of_process])
 
 
 def give_back_memory() -> None:
@@ -55,7 +53,7 @@ def give_back_memory() -> None:
 
 
 def held_memory() -> int:
-    """What this process holds of it [bytes]; zero where the system does not tell."""
+    """Memory of this process [bytes]; zero where the system does not say."""
     give_back_memory()
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
@@ -76,16 +74,16 @@ def check_count(
     whose: str = "of this machine",
 ) -> None:
     """Refuse more things than the memory holds, at ``each`` bytes, or than are made in minutes."""
-    asked = os.environ.get(INSIST, "").strip()
-    if asked:
+    allowed = os.environ.get(INSIST, "").strip()
+    if allowed:
         try:
-            most = float(asked)
+            most = float(allowed)
         except ValueError:
             raise ValueError(
-                f"the environment variable {INSIST} is {asked!r}; give it a number"
+                f"the environment variable {INSIST} is {allowed!r}; give it a number"
             ) from None
     room = math.inf
-    if each and not asked:
+    if each and not allowed:
         room = (available_memory() if available is None else available) / each
     if count <= min(most, room):
         return
@@ -113,9 +111,9 @@ def check_pairs(
 
     They see as far as ``reach``, in distances of the points of the second set.
     """
-    ball = (math.pi, 4.0 * math.pi / 3.0)[dimension - 2]
+    unit_ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
     side = min(reach, counts[1])  # so that no power overflows
-    near = min(counts[1], 1.0 + ball * side**dimension)
+    near = min(counts[1], 1.0 + unit_ball * side**dimension)
     pairs = "pairs of points within the radius"
     check_count(
         what, counts[0] * near, pairs, remedy, each=PAIR, most=MOST_PAIRS, available=available

@@ -16,18 +16,17 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, is_dataclass
-from functools import partial
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .limits import available_memory
 
-#: More than the relative difference of two sums over the cells that are distributed differently: n
+#: Bound of the relative difference of two sums over cells that are distributed differently: n
 #: positive terms in two orders differ by less than n times 2.3e-16, and bodies have less than 4e6
 #: cells
 ROUND_OFF = 1e-9
@@ -61,15 +60,16 @@ def gathered(comm: MPI.Comm, call: str, value: Any) -> list[Any]:
     """The values of all ranks on every rank, if all make the same collective call."""
     if comm.size == 1:
         return [value]
-    said = _exchanged(_common_communicator(comm), (call, value), call)
-    calls = [other for other, _ in said]
+    by_rank = _exchanged(_common_communicator(comm), (call, value), call)
+    calls = [other for other, _ in by_rank]
     if calls != [call] * comm.size:
-        here = [rank for rank, other in enumerate(calls) if other == call]
+        callers = [rank for rank, other in enumerate(calls) if other == call]
+        ranks = ", ".join(map(str, callers))
         raise _UnmatchedCall(
-            f"{call} was called on rank {', '.join(map(str, here))} of {comm.size} only; it takes "
-            "all ranks: call it outside of conditions that differ between ranks"
+            f"{call} was called on rank {ranks} of {comm.size} only; it takes all ranks: call it "
+            "outside of conditions that differ between ranks"
         )
-    return [other for _, other in said]
+    return [other for _, other in by_rank]
 
 
 def _exchanged(comm: MPI.Comm, value: Any, call: str) -> list[Any]:
@@ -113,12 +113,12 @@ def on_every_rank(comm: MPI.Comm, what: str) -> Iterator[None]:
         yield
     except BaseException as caught:  # whoever leaves by `sys.exit` would be waited for, too
         mine = caught
-    # a rank that is still inside is told so by its next call that takes all ranks
+    # a rank that is still inside learns of the error by its next call that takes all ranks
     kind = "" if mine is None else _kind(mine)
-    said = _exchanged(comm, (None, kind), what)
-    while any(call is not None for call, _ in said):
-        said = _exchanged(comm, (None, kind), what)
-    kinds = [other for _, other in said]
+    outcomes = _exchanged(comm, (None, kind), what)
+    while any(call is not None for call, _ in outcomes):
+        outcomes = _exchanged(comm, (None, kind), what)
+    kinds = [other for _, other in outcomes]
     failed = [rank for rank, kind in enumerate(kinds) if kind]
     if not failed:
         return
@@ -151,11 +151,11 @@ def _portable(error: BaseException | None) -> BaseException | None:
 
 def on_rank_0(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
     """What ``action`` returns on rank 0, on every rank of ``comm``; or raise what it raises."""
-    found = None
+    result = None
     with on_every_rank(comm, "writing or reading a file"):
         if comm.rank == 0:
-            found = action()
-    return comm.bcast(found, root=0)
+            result = action()
+    return comm.bcast(result, root=0)
 
 
 def agreed_memory(comm: MPI.Comm) -> int:
@@ -174,22 +174,34 @@ def check_alike(
 ) -> None:
     """Refuse arguments, by name, that differ between the ranks by more than round-off.
 
-    Arrays are compared by size, norm and another sum, relative to the norm; other objects by the
-    numbers and texts that they hold as mappings, sequences and dataclasses.
+    Arrays are compared by their norms; other objects by the numbers and texts that they hold as
+    mappings, sequences and dataclasses.
     """
     if comm.size == 1:
         return
-    said = gathered(comm, where, {name: _Digest.of(value) for name, value in arguments.items()})
-    for name in dict.fromkeys(name for digests in said for name in digests):
-        first = said[0].get(name, _NOTHING)
-        for rank, digests in enumerate(said):
-            other = digests.get(name, _NOTHING)
-            if not first.fits(other, tolerance):
-                here, there = first.beside(other)
+    texts = {
+        name: in_words(value, arrays=isinstance(value, np.ndarray))
+        for name, value in arguments.items()
+    }
+    by_rank = gathered(comm, where, texts)
+    for name in dict.fromkeys(name for texts in by_rank for name in texts):
+        first = by_rank[0].get(name, "nothing")
+        for rank, texts in enumerate(by_rank):
+            other = texts.get(name, "nothing")
+            if not same(first, other, tolerance):
+                here, there = _beside(first, other)
                 raise ValueError(
                     f"{where}: {name} differs between the ranks: {here} on rank 0, and {there} on "
                     f"rank {rank}; give the same on every rank"
                 )
+
+
+def _beside(first: str, other: str) -> tuple[str, str]:
+    """What stands in two texts around their first difference."""
+    pairs = zip(first, other, strict=False)
+    place = next((i for i, (a, b) in enumerate(pairs) if a != b), 0)
+    cut = slice(max(0, place - _SHOWN), place + _SHOWN)
+    return first[cut], other[cut]
 
 
 def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool:
@@ -201,13 +213,7 @@ def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool
     if a.shape != b.shape:
         return False
     if a.dtype.kind == "U" and b.dtype.kind == "U":
-        ours, theirs = (_NUMBER.split(str(text)) for text in (a, b))
-        numbers = zip(ours[1::2], theirs[1::2], strict=False)
-        return ours[::2] == theirs[::2] and all(
-            # whole numbers count something, and have no round-off
-            a == b or (not (a.isdigit() and b.isdigit()) and same(float(a), float(b), tolerance))
-            for a, b in numbers
-        )
+        return _same_text(str(a), str(b), tolerance)
     if a.dtype.kind != "f" or b.dtype.kind != "f":
         return bool(np.array_equal(a, b))
     if np.array_equal(a, b, equal_nan=True):
@@ -215,78 +221,58 @@ def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool
     return bool(np.max(np.abs(a - b)) <= tolerance * np.max(np.abs(b)))
 
 
+def _same_text(one: str, other: str, tolerance: float) -> bool:
+    """Whether two texts differ in the last digits of their numbers at most."""
+    a, b = _NUMBER.split(one), _NUMBER.split(other)
+    if a[::2] != b[::2]:
+        return False
+    for first, second in zip(a[1::2], b[1::2], strict=True):
+        whole = first.isdigit() and second.isdigit()  # it counts something
+        if first != second and (whole or not same(float(first), float(second), tolerance)):
+            return False
+    return True
+
+
 def alike(one: object, other: object) -> bool:
     """Whether two objects hold the same numbers and texts, but for round-off."""
     return one is other or same(in_words(one, arrays=True), in_words(other, arrays=True))
 
 
-@dataclass(frozen=True)
-class _Digest:
-    """A text, or a few numbers, that tell two values apart."""
-
-    text: str
-    norm: float = 0.0  #: Of the numbers; 0 for a text
-    sum: float = 0.0  #: Of the numbers with different weights; a single one's is its value
-
-    @staticmethod
-    def of(value: Any) -> _Digest:
-        """The digest of a value."""
-        numeric = isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
-        if numeric or isinstance(value, float):
-            x = np.asarray(value, dtype=np.float64).ravel()
-            weighted = float(x @ np.cos(np.arange(x.size)))
-            count = "a number" if x.size == 1 else f"{x.size} numbers"
-            return _Digest(count, float(np.sqrt(x @ x)), weighted)
-        try:
-            return _Digest(in_words(value))
-        except RecursionError:
-            return _Digest(f"a {type(value).__qualname__} that holds itself")
-
-    def fits(self, other: _Digest, tolerance: float) -> bool:
-        """Whether two values are the same but for round-off, relative to their norm."""
-        ours, theirs = (np.array([digest.norm, digest.sum]) for digest in (self, other))
-        return same(self.text, other.text, tolerance) and (
-            np.array_equal(ours, theirs, equal_nan=True)
-            or bool(np.max(np.abs(ours - theirs)) <= tolerance * self.norm)
-        )
-
-    def beside(self, other: _Digest) -> tuple[str, str]:
-        """The two values, which differ, as a message shows them."""
-        pairs = zip(self.text, other.text, strict=False)
-        first = next((i for i, (a, b) in enumerate(pairs) if a != b), 0)
-        cut = slice(max(0, first - _SHOWN), first + _SHOWN)
-        return self._shown(cut), other._shown(cut)
-
-    def _shown(self, cut: slice) -> str:
-        if self.text == "a number":
-            return f"{self.sum:.10g}"
-        return f"{self.text} of norm {self.norm:.10g}" if self.norm else self.text[cut]
-
-
-#: Digest of an argument that a rank does not give
-_NOTHING = _Digest("nothing")
-
-
 def in_words(value: Any, *, arrays: bool = False) -> str:
     """Numbers and texts in an object, and the kinds of its other parts, as a text.
 
-    Of ``arrays`` two sums are told if they are asked for; they may differ between ranks.
+    Of ``arrays``, which may differ between ranks, only the kind stands there by default.
     """
-    within = partial(in_words, arrays=arrays)
+    try:
+        return _words(value, arrays)
+    except RecursionError:
+        return f"a {type(value).__qualname__} that holds itself"
+
+
+def _words(value: Any, arrays: bool) -> str:
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{k!r}: {within(v)}" for k, v in value.items()) + "}"
+        return "{" + ", ".join(f"{k!r}: {_words(v, arrays)}" for k, v in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        return "(" + ", ".join(map(within, value)) + ")"
+        return "(" + ", ".join(_words(entry, arrays) for entry in value) + ")"
     if is_dataclass(value) and not isinstance(value, type):
-        parts = {f.name: getattr(value, f.name) for f in fields(value) if f.compare}
-        given = ", ".join(f"{name}={within(part)}" for name, part in parts.items())
-        return f"{type(value).__name__}({given})"
+        entries = [
+            f"{field.name}={_words(getattr(value, field.name), arrays)}"
+            for field in fields(value)
+            if field.compare
+        ]
+        return f"{type(value).__name__}({', '.join(entries)})"
     if arrays and isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        squares = np.square(value.ravel(), dtype=np.float64)
-        weights = 1.0 + np.arange(squares.size) / max(squares.size, 1)  # sums without cancellation
-        return f"array{value.shape}({np.sum(squares)!s}, {weights @ squares!s})"
+        return _norms(value)
     if isinstance(value, np.generic):  # whose type NumPy 2 writes into the text
         value = value.item()
     if isinstance(value, str | bytes | int | float | complex) or value is None:
         return repr(value)
     return type(value).__qualname__
+
+
+def _norms(array: NDArray[Any]) -> str:
+    """The size of an array and two norms, of which the second one depends on order and signs."""
+    x = array.ravel().astype(np.float64)
+    norm = float(np.linalg.norm(x))
+    shifts = norm * (2.0 + np.cos(np.arange(x.size)))  # at least as large as -x: nothing cancels
+    return f"{x.size} numbers of norm {norm!r} (shifted {float(np.linalg.norm(x + shifts))!r})"

@@ -46,13 +46,13 @@ def _end(error: Exception) -> None:
         sys.exit(message)
 
     def together() -> bool:
-        """Wait for the other ranks, and tell whether they came."""
+        """Wait for the other ranks; whether they came."""
         barrier, patience = mpi.COMM_WORLD.Ibarrier(), time.monotonic() + _PATIENCE
         while not (came := barrier.Test()) and time.monotonic() < patience:
             time.sleep(0.01)
         return bool(came)
 
-    # an error of all ranks is told once
+    # an error of all ranks is printed once
     if not together() or mpi.COMM_WORLD.rank == 0:
         print(message, file=sys.stderr, flush=True)
     together()  # mpirun ends the others with the first that has ended
@@ -63,5 +63,5 @@ def refused(error: Exception) -> bool:
     """Whether a `raise` statement of this package or of the program has raised an error."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     path = Path(last.filename).resolve()
-    own = path == Path(sys.argv[0]).resolve() or path.is_relative_to(Path(__file__).parent)
-    return own and (last.line or "").startswith("raise ")
+    ours = path == Path(sys.argv[0]).resolve() or path.is_relative_to(Path(__file__).parent)
+    return ours and (last.line or "").startswith("raise ")

@@ -128,17 +128,17 @@ def _load_vtk_apart() -> None:
     if not _place("vtkmodules") or not _place("dolfinx"):
         return
     # VTK of conda-forge and of Debian is elsewhere, and compiled like DOLFINx.
-    found = list(Path(_place("vtkmodules"), "vtkmodules").glob("libvtkCommonCore[.-]*so*"))
+    libraries = list(Path(_place("vtkmodules"), "vtkmodules").glob("libvtkCommonCore[.-]*so*"))
     # It would also take the C library's malloc in place of one that is loaded before all else.
     apart = 0 if os.environ.get("LD_PRELOAD") else getattr(os, "RTLD_DEEPBIND", 0)
     loaded = list(sys.modules)
     has_vtk = "vtkmodules" in loaded
     after_dolfinx = "dolfinx" in (loaded[: loaded.index("vtkmodules")] if has_vtk else loaded)
     if not has_vtk and (apart or not after_dolfinx):
-        for file in found:
-            with suppress(OSError):  # who imports it is told
+        for file in libraries:
+            with suppress(OSError):  # its own import says what is wrong
                 ctypes.CDLL(str(file), os.RTLD_NOW | os.RTLD_LOCAL | apart)
-    elif found and after_dolfinx and hasattr(ctypes.CDLL(None), _AMBIGUOUS):
+    elif libraries and after_dolfinx and hasattr(ctypes.CDLL(None), _AMBIGUOUS):
         warnings.warn(
             "dolfinx has been imported before pyvista and dolfinx_ffr, so that VTK takes functions "
             "of DOLFINx for its own: the first picture with a scalar bar would end the process "
@@ -151,16 +151,16 @@ def _load_vtk_apart() -> None:
 
 def _load_dolfinx_with_readable_arguments() -> None:
     """Load DOLFINx, which cannot be imported where an argument of the program is not UTF-8."""
-    given = sys.argv
-    readable = [text.encode(errors="replace").decode() for text in given]
-    if readable == given or "dolfinx" in sys.modules:
+    arguments = sys.argv
+    readable = [text.encode(errors="replace").decode() for text in arguments]
+    if readable == arguments or "dolfinx" in sys.modules:
         return
     sys.argv = readable
     try:
         with suppress(ImportError):
             import_module("dolfinx")
     finally:
-        sys.argv = given
+        sys.argv = arguments
 
 
 def _begin_petsc_on_all_ranks() -> None:

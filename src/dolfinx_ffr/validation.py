@@ -58,12 +58,13 @@ def number(
     unit: str = "",
 ) -> float:
     """A finite real number in its range: above, at least, below, at most."""
-    found = _as_float(what, value)
-    if not (math.isfinite(found) and above < found < below and least <= found <= most):
-        endless = found == math.inf and min(below, most) == math.inf
+    converted = _as_float(what, value)
+    inside = above < converted < below and least <= converted <= most
+    if not (math.isfinite(converted) and inside):
+        endless = converted == math.inf and min(below, most) == math.inf
         needed = "be finite" if endless else _range(above, least, below, most)
         raise ValueError(f"{what} must {needed}, but it is {value} {unit}".rstrip())
-    return found
+    return converted
 
 
 def _as_float(what: str, value: Any) -> float:
@@ -93,8 +94,8 @@ def _range(above: float, least: float, below: float, most: float) -> str:
 
 def integer(what: str, value: Any, *, least: float = 0) -> int:
     """A whole number in its range; 2.0 is one."""
-    found = _as_float(what, value)
-    if not (found.is_integer() and least <= found):
+    converted = _as_float(what, value)
+    if not (converted.is_integer() and least <= converted):
         kind = {
             -math.inf: "a whole number",
             0: "a whole number that is not negative",
@@ -129,21 +130,21 @@ def names(what: str, value: Any) -> list[str]:
     """A list of texts; a text alone is none."""
     if isinstance(value, str):
         raise TypeError(f"{what} must be a list of texts, as [{value!r}], but it is {value!r}")
-    found = instances(what, value, str, "texts")
+    texts = instances(what, value, str, "texts")
     # the order of a set of texts differs from process to process
-    return sorted(found) if isinstance(value, set | frozenset) else found
+    return sorted(texts) if isinstance(value, set | frozenset) else texts
 
 
 def keywords(what: str, given: Iterable[str], *takers: Callable[..., Any]) -> None:
     """Refuse options that none of the functions takes by name, with the name that is meant."""
-    named = (Parameter.KEYWORD_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
-    every = [p for taker in takers for p in signature(taker).parameters.values()]
-    known = [p.name for p in every if p.kind in named]
+    by_name = (Parameter.KEYWORD_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    parameters = [p for taker in takers for p in signature(taker).parameters.values()]
+    options = [p.name for p in parameters if p.kind in by_name]
     for option in given:
-        if option not in known:
-            near = get_close_matches(option, known, 1)
-            said = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
-            raise TypeError(f"{what} has no option {option!r}; {said}")
+        if option not in options:
+            near = get_close_matches(option, options, 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(options)}"
+            raise TypeError(f"{what} has no option {option!r}; {hint}")
 
 
 def path(what: str, value: Any) -> Path:
@@ -193,14 +194,14 @@ def numbers(what: str, value: Any) -> Array:
     """An array of real numbers, of any shape, NaN and infinity included."""
     refuse_masked(what, value)
     try:
-        given = np.asarray(value)
+        array = np.asarray(value)
     except ValueError as error:
         raise ValueError(f"{what} must be an array, but its rows differ in length") from error
-    if given.dtype.kind not in "biuf":
-        holds = {"c": "complex numbers", "U": "texts", "S": "texts"}.get(given.dtype.kind)
-        shown = f"it holds {holds}" if holds and given.ndim else f"it is {described(value)}"
+    if array.dtype.kind not in "biuf":
+        holds = {"c": "complex numbers", "U": "texts", "S": "texts"}.get(array.dtype.kind)
+        shown = f"it holds {holds}" if holds and array.ndim else f"it is {described(value)}"
         raise TypeError(f"{what} must hold real numbers, but {shown}")
-    return np.asarray(given, dtype=np.float64)
+    return np.asarray(array, dtype=np.float64)
 
 
 def refuse_masked(what: str, value: Any) -> None:
@@ -216,24 +217,24 @@ def refuse_masked(what: str, value: Any) -> None:
 
 def direction(what: str, value: Any, dimension: int, *, expected: str = "") -> tuple[float, ...]:
     """The components of a vector of any length from which a unit vector can be made."""
-    found = real_array(what, value, (dimension,), expected=expected)
-    length = math.hypot(*found)
+    vector = real_array(what, value, (dimension,), expected=expected)
+    length = math.hypot(*vector)
     if not length > _SHORTEST:
         raise ValueError(f"{what} has no length; give a direction, of any length")
     if length > 1.0 / _SHORTEST:
         raise ValueError(f"{what} is too long, {length:.3g}; give a direction, as a unit vector")
-    return tuple(found.tolist())
+    return tuple(vector.tolist())
 
 
 def rotation(what: str, value: Any) -> Array:
     """The matrix of a rotation, shape (3, 3); of a rounded one that of the nearest rotation."""
-    given = nearest_rotation(real_array(what, value, (3, 3)))
-    if np.max(np.abs(given.T @ given - np.eye(3))) > _ROUNDED or np.linalg.det(given) < 0.0:
+    matrix = nearest_rotation(real_array(what, value, (3, 3)))
+    if np.max(np.abs(matrix.T @ matrix - np.eye(3))) > _ROUNDED or np.linalg.det(matrix) < 0.0:
         raise ValueError(
             f"{what} must be the matrix of a rotation, whose columns are perpendicular unit "
-            f"vectors in a right-handed order, but it is {given.tolist()}"
+            f"vectors in a right-handed order, but it is {matrix.tolist()}"
         )
-    return given
+    return matrix
 
 
 def nearest_rotation(matrix: Array) -> Array:
@@ -284,10 +285,10 @@ def instances_by_name(
     what: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str
 ) -> dict[str, T]:
     """A mapping from names to objects of a class."""
-    found = by_name(what, value, needed)
-    for key, entry in found.items():
+    entries = by_name(what, value, needed)
+    for key, entry in entries.items():
         instance(f"{what}: that of {key!r}", entry, kind, needed)
-    return found
+    return entries
 
 
 def implementation(what: str, value: Any, members: Sequence[str], needed: str) -> Any:
