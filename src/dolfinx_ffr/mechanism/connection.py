@@ -87,9 +87,9 @@ class Connection:
     @property
     def label(self) -> str:
         """Name given by the user, or one made from the kind and the markers."""
-        given: str = getattr(self, "name", "")
+        name: str = getattr(self, "name", "")
         between = ", ".join(marker_name(marker) for marker in self.markers)
-        return given or f"{type(self).__name__}({between})"
+        return name or f"{type(self).__name__}({between})"
 
     def validate(self, label: str) -> None:
         """Refuse wrong kinds (TypeError) and numbers (ValueError), by the name ``label``."""

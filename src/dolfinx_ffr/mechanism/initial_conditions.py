@@ -85,8 +85,8 @@ class Placement:
     @property
     def _spatial(self) -> bool:
         """Whether something is given that only a placement in space has."""
-        parts = (self.position, self.velocity, self.angular_velocity)
-        return self.rotation is not None or any(np.shape(part) == (3,) for part in parts)
+        vectors = (self.position, self.velocity, self.angular_velocity)
+        return self.rotation is not None or any(np.shape(vector) == (3,) for vector in vectors)
 
     @property
     def in_space(self) -> tuple[Array, Array, Array, Array]:
@@ -143,8 +143,8 @@ class Assembled(Start):
 
     def __post_init__(self) -> None:
         for what in ("elastic", "elastic_velocity"):
-            given = validation.by_name(f"start: {what}", getattr(self, what), "arrays")
-            for name, values in given.items():
+            by_body = validation.by_name(f"start: {what}", getattr(self, what), "arrays")
+            for name, values in by_body.items():
                 validation.real_array(f"start: {what} of body {name!r}", values)
 
     def validate(self, modes: Mapping[str, int]) -> None:
@@ -160,8 +160,8 @@ class Assembled(Start):
 
     def elastic_state(self, body: str, modes: int) -> tuple[Array, Array]:
         none = np.zeros(modes)
-        parts = (self.elastic.get(body, none), self.elastic_velocity.get(body, none))
-        elastic, velocity = (np.array(part, dtype=np.float64) for part in parts)
+        values = (self.elastic.get(body, none), self.elastic_velocity.get(body, none))
+        elastic, velocity = (np.array(array, dtype=np.float64) for array in values)
         return elastic, velocity
 
     def resized(self, modes: Mapping[str, int]) -> Assembled:

@@ -23,7 +23,7 @@ from ..arrays import Array, Mask
 
 #: Numbers of which something is made, (numbers,), and all else, or None where they are not known
 Stated: TypeAlias = tuple[Array, Hashable]
-_Found = tuple[Array, Mask, Mask]
+_Derivative = tuple[Array, Mask, Mask]
 
 #: What a spline may do at an end.
 ENDS = ("rest", "uniform", "natural")
@@ -123,10 +123,10 @@ class Polynomial(_Formula):
     def pullback(self, t: Array, bars: Array) -> Array:
         k = np.arange(self.coefficients.size)
         powers = np.asarray(t)[:, None] ** k
-        own = bars[0] @ powers
-        own[1:] += k[1:] * (bars[1] @ powers[:, :-1])
-        own[2:] += (k * (k - 1))[2:] * (bars[2] @ powers[:, :-2])
-        return own
+        gradient = bars[0] @ powers
+        gradient[1:] += k[1:] * (bars[1] @ powers[:, :-1])
+        gradient[2:] += (k * (k - 1))[2:] * (bars[2] @ powers[:, :-2])
+        return gradient
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,22 +164,22 @@ class Combined(_Formula):
     terms: tuple[tuple[float, Law], ...]
 
     def stated(self) -> Stated:
-        parts = [law.stated() for _, law in self.terms]
-        numbers, fixed = [part[0] for part in parts], tuple(part[1] for part in parts)
+        stated = [law.stated() for _, law in self.terms]
+        numbers, fixed = [n for n, _ in stated], tuple(f for _, f in stated)
         weights = [weight for weight, _ in self.terms]
         return np.concatenate([weights, *numbers]), None if None in fixed else (Combined, fixed)
 
     def pullback(self, t: Array, bars: Array) -> Array:
         weights = [
-            np.vdot(bars, [np.broadcast_to(part(t), t.shape) for part in _parts(law)])
+            np.vdot(bars, [np.broadcast_to(function(t), t.shape) for function in _parts(law)])
             for _, law in self.terms
         ]
         laws = [law.pullback(t, weight * bars) for weight, law in self.terms]
         return np.concatenate([weights, *laws])
 
     def at(self, order: int, t: Array) -> Array:
-        parts = (weight * np.asarray(_parts(law)[order](t)) for weight, law in self.terms)
-        return sum(parts, np.zeros(np.shape(t)))
+        values = (weight * np.asarray(_parts(law)[order](t)) for weight, law in self.terms)
+        return sum(values, np.zeros(np.shape(t)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,8 +211,8 @@ class OnCircle(_Formula):
 
     def stated(self) -> Stated:
         numbers, fixed = self.angle.stated()
-        own = np.array([self.middle, self.cosine, self.sine, *numbers])
-        return own, fixed and (OnCircle, fixed)
+        own_numbers = np.array([self.middle, self.cosine, self.sine, *numbers])
+        return own_numbers, fixed and (OnCircle, fixed)
 
     def at(self, order: int, t: Array) -> Array:
         phi = self.angle.value(t)
@@ -225,29 +225,31 @@ class OnCircle(_Formula):
         return slope * growth - _wave(self.cosine, self.sine, phi) * rate**2
 
     def pullback(self, t: Array, bars: Array) -> Array:
-        phi, rate, growth = (np.broadcast_to(part(t), t.shape) for part in _parts(self.angle))
+        phi, rate, growth = (
+            np.broadcast_to(function(t), t.shape) for function in _parts(self.angle)
+        )
         c, s = np.cos(phi), np.sin(phi)
-        first, second = self.sine * c - self.cosine * s, -self.cosine * c - self.sine * s
+        slope, curvature = self.sine * c - self.cosine * s, -self.cosine * c - self.sine * s
         # Value, velocity, acceleration are g, g' phi', g'' phi'^2 + g' phi'' of g = c, s
         by_cosine = bars[0] * c - bars[1] * s * rate - bars[2] * (c * rate**2 + s * growth)
         by_sine = bars[0] * s + bars[1] * c * rate + bars[2] * (c * growth - s * rate**2)
-        own = np.array([np.sum(bars[0]), np.sum(by_cosine), np.sum(by_sine)])
+        by_numbers = np.array([np.sum(bars[0]), np.sum(by_cosine), np.sum(by_sine)])
         of_angle = np.array(
             [
-                bars[0] * first
-                + bars[1] * second * rate
-                + bars[2] * (second * growth - first * rate**2),
-                bars[1] * first + 2.0 * bars[2] * second * rate,
-                bars[2] * first,
+                bars[0] * slope
+                + bars[1] * curvature * rate
+                + bars[2] * (curvature * growth - slope * rate**2),
+                bars[1] * slope + 2.0 * bars[2] * curvature * rate,
+                bars[2] * slope,
             ]
         )
-        return np.concatenate([own, self.angle.pullback(t, of_angle)])
+        return np.concatenate([by_numbers, self.angle.pullback(t, of_angle)])
 
 
 def _wave(cosine: float, sine: float, phi: ArrayLike) -> Array:
     """A cosine and a sine of angles (n,), of which mostly one is zero."""
-    parts = [a * f(phi) for a, f in ((cosine, np.cos), (sine, np.sin)) if a]
-    return sum(parts[1:], parts[0]) if parts else np.zeros(np.shape(phi))
+    waves = [a * f(phi) for a, f in ((cosine, np.cos), (sine, np.sin)) if a]
+    return sum(waves[1:], waves[0]) if waves else np.zeros(np.shape(phi))
 
 
 def _parts(law: Law) -> tuple[Callable[[Array], ArrayLike], ...]:
@@ -255,7 +257,7 @@ def _parts(law: Law) -> tuple[Callable[[Array], ArrayLike], ...]:
     return law.value, law.velocity, law.acceleration
 
 
-class _Way(NamedTuple):
+class _LinearMap(NamedTuple):
     """From the values of a spline to the coefficients of its B-splines, by order of derivative."""
 
     fixed: Hashable  #: What it depends on
@@ -272,38 +274,48 @@ class Spline(_Formula):
     unit: float  #: Time for which one unit of the splines' variable stands [s]
     length: float  #: Length of the splines in these units
     ends: tuple[str, str]
-    given: BSpline | Array  #: The spline; or the values that a ``way`` leads to it.
-    way: _Way | None = None
+    given: BSpline | Array  #: The spline; or the values that the ``linear_map`` takes to it.
+    linear_map: _LinearMap | None = None
     #: By order of the derivative the last times and what was found for them
-    _known: dict[int, tuple[Array, _Found]] = field(default_factory=dict, init=False, repr=False)
+    _cache: dict[int, tuple[Array, _Derivative]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @cached_property
     def parts(self) -> list[BSpline]:
         """The spline and its derivatives by the variable."""
-        if self.way is None:
+        if self.linear_map is None:
             assert isinstance(self.given, BSpline)
             return [self.given, self.given.derivative(1), self.given.derivative(2)]
-        _, *each = self.way
+        _, *each = self.linear_map
         return [BSpline.construct_fast(t, m @ self.given, k) for t, k, m in zip(*each, strict=True)]
 
     def stated(self) -> Stated:
-        if self.way is None:
+        if self.linear_map is None:
             return np.zeros(0), None
-        return np.asarray(self.given), (Spline, self.start, self.unit, self.ends, self.way.fixed)
+        return np.asarray(self.given), (
+            Spline,
+            self.start,
+            self.unit,
+            self.ends,
+            self.linear_map.fixed,
+        )
 
     def pullback(self, t: Array, bars: Array) -> Array:
-        assert self.way is not None
-        own = np.zeros(self.way.matrices[0].shape[1])
-        for order, (bar, matrix) in enumerate(zip(bars, self.way.matrices, strict=True)):
-            _, *sides = self._kept(order, t)
-            bar = np.where(self._still(order, sides), 0.0, bar)
+        assert self.linear_map is not None
+        gradient = np.zeros(self.linear_map.matrices[0].shape[1])
+        for order, (bar, matrix) in enumerate(zip(bars, self.linear_map.matrices, strict=True)):
+            _, *sides = self._derivative(order, t)
+            bar = np.where(self._at_rest(order, sides), 0.0, bar)
             rows = self._rows(order, t)
-            own += (rows.T @ bar) @ matrix[: rows.shape[1]] / self.unit**order
+            gradient += (rows.T @ bar) @ matrix[: rows.shape[1]] / self.unit**order
             for end, beyond, edge in zip(self.ends, sides, self._edges, strict=True):
                 if order == 0 and end == "uniform" and np.any(bar[beyond]):
-                    far = np.array([bar[beyond] @ (np.asarray(t)[beyond] - edge)])
-                    own += self.pullback(np.array([edge]), np.array([0.0 * far, far, 0.0 * far]))
-        return own
+                    beyond_bar = np.array([bar[beyond] @ (np.asarray(t)[beyond] - edge)])
+                    gradient += self.pullback(
+                        np.array([edge]), np.array([0.0 * beyond_bar, beyond_bar, 0.0 * beyond_bar])
+                    )
+        return gradient
 
     @property
     def _edges(self) -> tuple[float, float]:
@@ -313,19 +325,19 @@ class Spline(_Formula):
     @property
     def jumps(self) -> tuple[float, ...]:
         """Times at which the law changes over to rest or to a uniform motion [s]."""
-        both = zip(self._edges, self.ends, strict=True)
-        return tuple(t for t, end in both if end in ("rest", "uniform"))
+        edges_and_ends = zip(self._edges, self.ends, strict=True)
+        return tuple(t for t, end in edges_and_ends if end in ("rest", "uniform"))
 
-    def _kept(self, order: int, t: Array) -> _Found:
+    def _derivative(self, order: int, t: Array) -> _Derivative:
         """Derivative by t of the spline at times (n,), or at the end beyond; what is beyond.
 
         That last found is kept: a crank's pin asks for the same angle many times.
         """
-        known = self._known.get(order)
-        if known is None or not np.array_equal(known[0], t):
-            known = self._known[order] = np.array(t), self._found(order, t)
-        found, before, after = known[1]
-        return found.copy(), before, after
+        stored = self._cache.get(order)
+        if stored is None or not np.array_equal(stored[0], t):
+            stored = self._cache[order] = np.array(t), self._evaluate(order, t)
+        values, before, after = stored[1]
+        return values.copy(), before, after
 
     def _places(self, t: Array) -> tuple[Array, Array]:
         """The variable at times, and the same between the ends, (n,) each."""
@@ -336,10 +348,10 @@ class Spline(_Formula):
 
     def _rows(self, order: int, t: Array) -> Any:
         """Values of the B-splines of a derivative at times (n,), a sparse matrix."""
-        part = self.parts[order]
-        return _basis(part.t.tobytes(), part.k, self._places(t)[1].tobytes())
+        derivative = self.parts[order]
+        return _basis(derivative.t.tobytes(), derivative.k, self._places(t)[1].tobytes())
 
-    def _found(self, order: int, t: Array) -> _Found:
+    def _evaluate(self, order: int, t: Array) -> _Derivative:
         x, inside = self._places(t)
         slack = _SLACK * self.length
         for end, beyond in zip(self.ends, (x < -slack, x > self.length + slack), strict=True):
@@ -350,25 +362,25 @@ class Spline(_Formula):
                     f"{np.asarray(t)[beyond][0]:.6g} s; give more of it, or ends of rest, uniform "
                     "or periodic motion, which go on"
                 )
-        part = self.parts[order]
+        derivative = self.parts[order]
         if inside.ndim == 1 and inside.size <= _MOST_KEPT:
             basis = self._rows(order, t)
-            found = basis @ part.c[: basis.shape[1]] / self.unit**order
+            values = basis @ derivative.c[: basis.shape[1]] / self.unit**order
         else:
-            found = np.asarray(part(inside), dtype=np.float64) / self.unit**order
-        return found, x < 0.0, x > self.length
+            values = np.asarray(derivative(inside), dtype=np.float64) / self.unit**order
+        return values, x < 0.0, x > self.length
 
     def at(self, order: int, t: Array) -> Array:
-        found, *sides = self._kept(order, t)
-        found[self._still(order, sides)] = 0.0
+        values, *sides = self._derivative(order, t)
+        values[self._at_rest(order, sides)] = 0.0
         for end, beyond, edge in zip(self.ends, sides, self._edges, strict=True):
             # beyond an end of uniform motion the velocity is that at the end
             if order == 0 and end == "uniform" and np.any(beyond):
-                speed = self._kept(1, np.array([edge]))[0][0]
-                found[beyond] += speed * (np.asarray(t)[beyond] - edge)
-        return found
+                speed = self._derivative(1, np.array([edge]))[0][0]
+                values[beyond] += speed * (np.asarray(t)[beyond] - edge)
+        return values
 
-    def _still(self, order: int, sides: Sequence[Mask]) -> Mask:
+    def _at_rest(self, order: int, sides: Sequence[Mask]) -> Mask:
         """Where a derivative is zero, of what is beyond the two ends, (n,) each."""
         still = np.zeros(sides[0].shape, dtype=bool)
         for end, beyond in zip(self.ends, sides, strict=True):
@@ -443,7 +455,7 @@ def spline(
         c = _fitted(what, x, np.minimum((t - t[0]) / unit, x[-1]), c, degree, both)
     own = float(t[0]), unit, float(x[-1]), both
     if smoothing is None and c.size <= _MOST_VALUES:
-        return Spline(*own, c, _way(x.tobytes(), degree, both))
+        return Spline(*own, c, _linear_map(x.tobytes(), degree, both))
     return Spline(*own, _through(x, c, degree, both))
 
 
@@ -487,7 +499,7 @@ def _through(x: Array, values: Array, degree: int, ends: tuple[str, str]) -> BSp
 
 
 @lru_cache(maxsize=16)
-def _way(x: bytes, degree: int, ends: tuple[str, str]) -> _Way:
+def _linear_map(x: bytes, degree: int, ends: tuple[str, str]) -> _LinearMap:
     """From values at x to the spline through them: many splines differ by their values alone.
 
     What vanishes at an end does so without round-off.
@@ -496,10 +508,14 @@ def _way(x: bytes, degree: int, ends: tuple[str, str]) -> _Way:
     unit = np.eye(places.size)
     if ends[0] == "periodic":
         unit[-1] = unit[0]
-    found = _through(places, unit, degree, ends)
-    one, two, three = found, found.derivative(1), found.derivative(2)
-    knots, degrees = (one.t, two.t, three.t), (one.k, two.k, three.k)
-    return _Way((x, degree, ends), knots, degrees, (one.c, two.c, three.c))
+    value = _through(places, unit, degree, ends)
+    slope, curvature = value.derivative(1), value.derivative(2)
+    return _LinearMap(
+        fixed=(x, degree, ends),
+        knots=(value.t, slope.t, curvature.t),
+        degrees=(value.k, slope.k, curvature.k),
+        matrices=(value.c, slope.c, curvature.c),
+    )
 
 
 def _fitted(
@@ -516,11 +532,11 @@ def _fitted(
         unknowns = unknowns[:, :-1]
         unknowns[-1, 0] = 1.0
     matrix = _through(x, unknowns, degree, ends)(at)
-    found, _, rank, _ = scipy.linalg.lstsq(matrix, values, cond=1e-8, lapack_driver="gelsy")
+    solution, _, rank, _ = scipy.linalg.lstsq(matrix, values, cond=1e-8, lapack_driver="gelsy")
     if rank < unknowns.shape[1]:
         raise ValueError(
             f"{what}: there are too few values near some of the {x.size} knots; between two values "
             f"there are up to {np.max(np.diff(at)):.2g} distances of knots, so that smoothing must "
             "be larger"
         )
-    return np.asarray(unknowns @ found)
+    return np.asarray(unknowns @ solution)

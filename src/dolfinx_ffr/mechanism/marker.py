@@ -87,8 +87,8 @@ class Ground:
         """Position and axes at times, see :meth:`Moving.tabulate_in_space` for ``where``."""
         table = np.zeros((times.size, 3, 4, 3))
         table[:, 0, 0, : len(self.position)] = self.position
-        given = self.rotation
-        A = upright_matrix(self.angle) if given is None else rotation_matrix(given)
+        rotation = self.rotation
+        A = upright_matrix(self.angle) if rotation is None else rotation_matrix(rotation)
         table[:, 0, 1:] = A.T
         return table
 
@@ -138,8 +138,10 @@ class Moving:
     def __post_init__(self) -> None:
         validation.name("moving marker: name", self.name)
         needed = "a Motion (Motion.constant(...) where it is held)"
-        for part in ("x", "y", "angle", *(["z"] if self.z is not None else [])):
-            validation.instance(f"{self.name}: {part}", getattr(self, part), Motion, needed)
+        for coordinate in ("x", "y", "angle", *(["z"] if self.z is not None else [])):
+            validation.instance(
+                f"{self.name}: {coordinate}", getattr(self, coordinate), Motion, needed
+            )
         axis_vector(f"{self.name}: axis", self.axis)
         if self.rotation is not None:
             rotation = checked_rotation(f"{self.name}: rotation", self.rotation)
@@ -166,10 +168,10 @@ class Moving:
         turn = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
         start = np.eye(3) if self.rotation is None else rotation_matrix(self.rotation)
         A = start @ (np.eye(3) + np.sin(phi) * turn + (1.0 - np.cos(phi)) * turn @ turn)
-        for k, part in enumerate(
+        for k, derivative in enumerate(
             (A, A @ turn * rate, A @ turn * growth + A @ turn @ turn * rate**2)
         ):
-            out[:, k, 1:] = part.transpose(0, 2, 1)
+            out[:, k, 1:] = derivative.transpose(0, 2, 1)
         return out
 
     def tabulate_in_plane(self, times: Array, where: str) -> Array:
@@ -199,8 +201,11 @@ class Moving:
         start = np.eye(3) if self.rotation is None else rotation_matrix(self.rotation)
         across = np.cross(along, n)
         flat = -np.cross(along, across)
-        parts = (start @ part for part in (n - flat, flat, across))
-        return [self.angle.turning(*map(float, each)) for each in zip(*parts, strict=True)]
+        vectors = (start @ vector for vector in (n - flat, flat, across))
+        return [
+            self.angle.turning(*map(float, coefficients))
+            for coefficients in zip(*vectors, strict=True)
+        ]
 
     @staticmethod
     def circle(
@@ -232,13 +237,13 @@ class Moving:
         shape, expected = ((3,), "") if spatial else ((2,), "two components")
         middle = validation.real_array(what, center, shape, expected=expected)
         normal = axis_vector(f"{name}: axis", axis) if spatial else (0.0, 0.0, 1.0)
-        first, second = perpendicular(normal)
+        e_1, e_2 = perpendicular(normal)
         paths = []
-        for c, e, f in zip(middle, first, second, strict=False):
+        for c, e, f in zip(middle, e_1, e_2, strict=False):
             paths.append(angle.turning(float(c), length * float(e), length * float(f)))
         if not spatial:
             return Moving(paths[0], paths[1], angle, name)
-        axes = np.stack([first, second, np.cross(first, second)], axis=1)
+        axes = np.stack([e_1, e_2, np.cross(e_1, e_2)], axis=1)
         return Moving(paths[0], paths[1], angle, name, paths[2], rotation=axes)
 
 
@@ -249,8 +254,8 @@ def check_marker(what: str, marker: object) -> None:
     """Refuse what is no marker with a TypeError."""
     if isinstance(marker, Ground | Moving):
         return
-    parts = marker if isinstance(marker, tuple) else ()
-    if len(parts) != 2 or not all(isinstance(part, str) for part in parts):
+    names = marker if isinstance(marker, tuple) else ()
+    if len(names) != 2 or not all(isinstance(name, str) for name in names):
         raise TypeError(
             f'{what}: a marker must be ("body", "marker"), Ground(...) or Moving(...), but it is '
             f"{validation.described(marker)}"
@@ -275,12 +280,12 @@ def _triad(x: float, y: float, z: float) -> tuple[Array, Array]:
     """The two unit vectors of :func:`perpendicular`, read-only because they are cached."""
     n = np.array([x, y, z])
     n = n / np.linalg.norm(n)
-    first = np.eye(3)[(int(np.argmax(np.abs(n))) + 1) % 3]
-    first = first - (first @ n) * n
-    first /= np.linalg.norm(first)
-    second = np.cross(n, first)
-    first.flags.writeable = second.flags.writeable = False
-    return first, second
+    e_1 = np.eye(3)[(int(np.argmax(np.abs(n))) + 1) % 3]
+    e_1 = e_1 - (e_1 @ n) * n
+    e_1 /= np.linalg.norm(e_1)
+    e_2 = np.cross(n, e_1)
+    e_1.flags.writeable = e_2.flags.writeable = False
+    return e_1, e_2
 
 
 def axis_vector(what: str, axis: object) -> Triple:

@@ -72,9 +72,9 @@ class Motion:
 
     def __post_init__(self) -> None:
         validation.name("motion: name", self.name)
-        for part in ("value", "velocity", "acceleration"):
-            what = f"motion {self.name!r}: the {part}"
-            validation.function(what, getattr(self, part), "an array of times")
+        for function in ("value", "velocity", "acceleration"):
+            what = f"motion {self.name!r}: the {function}"
+            validation.function(what, getattr(self, function), "an array of times")
         validation.real_array(f"motion {self.name!r}: jumps", self.jumps, (None,))
 
     @staticmethod
@@ -92,10 +92,12 @@ class Motion:
                 ...; (c_0, omega) is a uniform motion.
             name: Name for messages and plots.
         """
-        given = validation.real_array("polynomial: coefficients", coefficients, (None,))
-        if not given.size:
+        numbers = validation.real_array("polynomial: coefficients", coefficients, (None,))
+        if not numbers.size:
             raise ValueError("polynomial: coefficients must hold at least one number")
-        return Motion._of_law(Polynomial(given), name or f"polynomial of degree {given.size - 1}")
+        return Motion._of_law(
+            Polynomial(numbers), name or f"polynomial of degree {numbers.size - 1}"
+        )
 
     @staticmethod
     def smooth_step(distance: float, duration: float, start: float = 0.0, name: str = "") -> Motion:
@@ -139,12 +141,12 @@ class Motion:
             ValueError: If the period is not positive, or a number is NaN or infinite.
         """
         period = validation.number("fourier: the period", period, above=0.0, unit="s")
-        given = [
-            validation.real_array(f"fourier: {part}", numbers, (None,))
-            for part, numbers in (("cosines", cosines), ("sines", sines))
+        amplitudes = [
+            validation.real_array(f"fourier: {kind}", numbers, (None,))
+            for kind, numbers in (("cosines", cosines), ("sines", sines))
         ]
-        harmonics = max(part.size for part in given)
-        a, b = (np.pad(part, (0, harmonics - part.size)) for part in given)
+        harmonics = max(kind.size for kind in amplitudes)
+        a, b = (np.pad(kind, (0, harmonics - kind.size)) for kind in amplitudes)
         rates = 2.0 * math.pi / period * np.arange(1, harmonics + 1)
         law = Fourier(validation.number("fourier: the mean", mean), a, b, rates)
         return Motion._of_law(law, name or "Fourier series")
@@ -245,9 +247,11 @@ class Motion:
     @property
     def _law(self) -> KnownLaw | None:
         """The law behind the three functions, if it knows its numbers."""
-        own, parts = getattr(self.value, "__self__", None), (self.velocity, self.acceleration)
-        same = isinstance(own, KnownLaw) and all(getattr(f, "__self__", None) is own for f in parts)
-        return own if same else None
+        law, others = getattr(self.value, "__self__", None), (self.velocity, self.acceleration)
+        is_law = isinstance(law, KnownLaw) and all(
+            getattr(f, "__self__", None) is law for f in others
+        )
+        return law if is_law else None
 
     def stated(self) -> Stated:
         """The numbers of which the motion is made, (numbers,), and all else; None if not known."""
@@ -460,7 +464,7 @@ def evaluated(signal: Signal, times: Array, what: str) -> Array:
     if not callable(function):
         return np.asarray(function, dtype=np.float64)
     try:
-        given = function(times)
+        values = function(times)
     except OutsideError as error:
         raise ValueError(f"{what} {error}") from error
     except (TypeError, ValueError) as error:  # what functions of one number raise
@@ -468,7 +472,7 @@ def evaluated(signal: Signal, times: Array, what: str) -> Array:
             f"{what} cannot be computed for an array of {times.size} times: {error}; write the "
             "function with NumPy (numpy.sin instead of math.sin, numpy.where instead of if)"
         ) from error
-    result = validation.numbers(f"{what} at {times.size} times", given)
+    result = validation.numbers(f"{what} at {times.size} times", values)
     if result.shape not in ((), times.shape):
         raise ValueError(f"{what} at {times.size} times has shape {result.shape}")
     return result
@@ -480,8 +484,8 @@ def sample(signal: Signal, times: ArrayLike, what: str) -> Array:
     values = evaluated(signal, t, what)
     finite = np.isfinite(values)
     if not finite.all():
-        first = t[np.argmin(np.full(t.shape, finite))]
-        raise ValueError(f"{what} is NaN or infinite at t = {first:g} s")
+        instant = t[np.argmin(np.full(t.shape, finite))]
+        raise ValueError(f"{what} is NaN or infinite at t = {instant:g} s")
     return np.full(t.shape, values)
 
 

@@ -74,18 +74,18 @@ class Parameters:
                     f"{what} must be (value, lower, upper), and where wanted unit and scale, but "
                     f"it is {validation.described(entry)}"
                 )
-            own = Parameter(*entry)
-            validation.choice(f"{what}: scale", own.scale, ("linear", "log"))
-            validation.instance(f"{what}: unit", own.unit, str, "a text")
-            above = 0.0 if own.scale == "log" else -math.inf
-            lower = validation.number(f"lower bound of {what}", own.lower, above=above)
-            upper = validation.number(f"upper bound of {what}", own.upper, above=lower)
-            value = validation.number(what, own.value, least=lower, most=upper)
-            self.entries[name] = own._replace(value=value, lower=lower, upper=upper)
+            parameter = Parameter(*entry)
+            validation.choice(f"{what}: scale", parameter.scale, ("linear", "log"))
+            validation.instance(f"{what}: unit", parameter.unit, str, "a text")
+            above = 0.0 if parameter.scale == "log" else -math.inf
+            lower = validation.number(f"lower bound of {what}", parameter.lower, above=above)
+            upper = validation.number(f"upper bound of {what}", parameter.upper, above=lower)
+            value = validation.number(what, parameter.value, least=lower, most=upper)
+            self.entries[name] = parameter._replace(value=value, lower=lower, upper=upper)
 
     def __repr__(self) -> str:
-        given = ", ".join(f"{name}={tuple(entry)}" for name, entry in self.entries.items())
-        return f"Parameters({given})"
+        arguments = ", ".join(f"{name}={tuple(entry)}" for name, entry in self.entries.items())
+        return f"Parameters({arguments})"
 
     @property
     def names(self) -> list[str]:
@@ -128,18 +128,19 @@ class Parameters:
         if isinstance(values, Mapping):
             for name in values:
                 validation.choice("parameters: name", name, self.names)
-            given = {**self.values, **values}
+            by_name = {**self.values, **values}
         else:
             vector = validation.real_array("parameters", values, (len(self.names),))
-            given = dict(zip(self.names, vector.tolist(), strict=True))
-        if given == self.values:
+            by_name = dict(zip(self.names, vector.tolist(), strict=True))
+        if by_name == self.values:
             return self
-        return Parameters(**{n: e._replace(value=given[n]) for n, e in self.entries.items()})
+        return Parameters(**{n: e._replace(value=by_name[n]) for n, e in self.entries.items()})
 
     def fits(self, other: Parameters) -> bool:
         """Whether names, bounds, units and scales are those of ``other`` ones."""
         mine, theirs = (
-            [(n, e._replace(value=0.0)) for n, e in each.entries.items()] for each in (self, other)
+            [(n, e._replace(value=0.0)) for n, e in parameters.entries.items()]
+            for parameters in (self, other)
         )
         return mine == theirs
 
@@ -161,9 +162,9 @@ class Parameters:
 
     def _scaled(self, values: Array) -> Array:
         """Values (..., size) on the scales of the parameters."""
-        found = np.array(values, dtype=np.float64)
-        found[..., self._log] = np.log(found[..., self._log])
-        return found
+        scaled = np.array(values, dtype=np.float64)
+        scaled[..., self._log] = np.log(scaled[..., self._log])
+        return scaled
 
     def shares(self, vector: Array) -> Array:
         """Values, a ``vector`` (size,), as shares of their ranges, on their scales."""
@@ -195,35 +196,35 @@ class Parameters:
                 these values; the message says them.
         """
         validation.function("parameters: what makes the mechanism", build, "the parameters")
-        taken, values = _taken(build, self.names), self.values
+        names, values = _taken(build, self.names), self.values
         try:
-            given = build(**{name: values[name] for name in taken})
+            result = build(**{name: values[name] for name in names})
         except (ValueError, ArithmeticError) as error:
-            said = ", ".join(f"{name} = {values[name]:.6g}" for name in taken)
-            raise ValueError(f"parameters: no mechanism with {said}: {error}") from error
-        mechanism, bodies = given if isinstance(given, tuple) else (given, {})
+            numbers = ", ".join(f"{name} = {values[name]:.6g}" for name in names)
+            raise ValueError(f"parameters: no mechanism with {numbers}: {error}") from error
+        mechanism, bodies = result if isinstance(result, tuple) else (result, {})
         what = "parameters: what the function returns"
         needed = "a Mechanism, or a Mechanism and a mapping of VolumeIntegrals"
         validation.instance(what, mechanism, Mechanism, needed)
         validation.instance(what, bodies, Mapping, needed)
         # Made without a call of the class: its parts have been validated
-        found = object.__new__(ParametricMechanism)
-        own = {part.name: getattr(mechanism, part.name) for part in fields(Mechanism)}
-        vars(found).update(own, build=build, parameters=self, own_bodies=bodies)
-        return found
+        parametric = object.__new__(ParametricMechanism)
+        entries = {entry.name: getattr(mechanism, entry.name) for entry in fields(Mechanism)}
+        vars(parametric).update(entries, build=build, parameters=self, own_bodies=bodies)
+        return parametric
 
 
 def _taken(build: Callable[..., Any], names: list[str]) -> list[str]:
     """The parameters that a function takes."""
-    own = inspect.signature(build).parameters.values()
-    asked = [p.name for p in own if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
-    needed = {p.name for p in own if p.default is p.empty and p.name in asked}
+    arguments = inspect.signature(build).parameters.values()
+    named = [p.name for p in arguments if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+    needed = {p.name for p in arguments if p.default is p.empty and p.name in named}
     if unknown := sorted(needed - set(names)):
         raise ValueError(
             f"parameters: the function takes {unknown[0]!r}, and the parameters are {names}"
         )
-    every = any(p.kind == p.VAR_KEYWORD for p in own)
-    return [name for name in names if every or name in asked]
+    takes_all = any(p.kind == p.VAR_KEYWORD for p in arguments)
+    return [name for name in names if takes_all or name in named]
 
 
 @dataclass(frozen=True)
@@ -253,22 +254,22 @@ class ParametricMechanism(Mechanism):
 
     def _of(self, parameters: Parameters) -> ParametricMechanism:
         """The mechanism of other values, checked to be made of the same."""
-        found = parameters.mechanism(self.build)
+        mechanism = parameters.mechanism(self.build)
         for what, before, after in (
-            ("joints", self.joint_names, found.joint_names),
-            ("forces", self.force_names, found.force_names),
-            ("number of point masses", len(self.point_masses), len(found.point_masses)),
-            ("bodies", sorted(self.placements), sorted(found.placements)),
-            ("bodies", sorted(self.own_bodies), sorted(found.own_bodies)),
-            ("kind of start", type(self.start).__name__, type(found.start).__name__),
+            ("joints", self.joint_names, mechanism.joint_names),
+            ("forces", self.force_names, mechanism.force_names),
+            ("number of point masses", len(self.point_masses), len(mechanism.point_masses)),
+            ("bodies", sorted(self.placements), sorted(mechanism.placements)),
+            ("bodies", sorted(self.own_bodies), sorted(mechanism.own_bodies)),
+            ("kind of start", type(self.start).__name__, type(mechanism.start).__name__),
         ):
             if before != after:
-                said = ", ".join(f"{n} = {v:.6g}" for n, v in parameters.values.items())
+                numbers = ", ".join(f"{n} = {v:.6g}" for n, v in parameters.values.items())
                 raise TopologyError(
                     f"parameters: the {what} change with them, from {before} to {after} with "
-                    f"{said}; the function must return the same for all values"
+                    f"{numbers}; the function must return the same for all values"
                 )
-        return found
+        return mechanism
 
     def shifted(self, shift: Array) -> ParametricMechanism:
         """The mechanism at values that are shifted a little.
@@ -281,9 +282,9 @@ class ParametricMechanism(Mechanism):
         for (name, entry), step in zip(self.parameters.entries.items(), shift, strict=False):
             if step:
                 parameters.entries[name] = entry._replace(value=entry.value + float(step))
-        found = self._of(parameters)
-        found.__dict__["twin"] = self.twin
-        return found
+        mechanism = self._of(parameters)
+        mechanism.__dict__["twin"] = self.twin
+        return mechanism
 
     @cached_property
     def twin(self) -> ParametricMechanism:  # type: ignore[override]

@@ -54,23 +54,23 @@ def checked_rotation(what: str, rotation: object) -> RotationLike:
 
     A vector longer than a full turn, as one in degrees is, is warned of.
     """
-    given = validation.real_array(what, _plain(rotation))
-    if given.shape == (3,):
-        ask_for_radians(f"the length of {what}", math.hypot(*given))
-        return tuple(given.tolist())
+    numbers = validation.real_array(what, _plain(rotation))
+    if numbers.shape == (3,):
+        ask_for_radians(f"the length of {what}", math.hypot(*numbers))
+        return tuple(numbers.tolist())
     needed = "shape (3,), a vector along the axis as long as the angle, or (3, 3), a matrix"
-    validation.real_array(what, given, (3, 3), expected=needed)
-    return tuple(tuple(row) for row in validation.rotation(what, given).tolist())
+    validation.real_array(what, numbers, (3, 3), expected=needed)
+    return tuple(tuple(row) for row in validation.rotation(what, numbers).tolist())
 
 
 def rotation_matrix(rotation: RotationLike) -> Array:
     """The matrix of a rotation, shape (3, 3)."""
     from scipy.spatial.transform import Rotation
 
-    given = np.array(_plain(rotation), dtype=np.float64)
-    if given.shape == (3, 3):
-        return validation.rotation("rotation", given)
-    return np.asarray(Rotation.from_rotvec(given).as_matrix())
+    numbers = np.array(_plain(rotation), dtype=np.float64)
+    if numbers.shape == (3, 3):
+        return validation.rotation("rotation", numbers)
+    return np.asarray(Rotation.from_rotvec(numbers).as_matrix())
 
 
 def upright_matrix(angle: float) -> Array:
@@ -83,8 +83,8 @@ def rotation_vector(rotation: RotationLike) -> Array:
     """The vector along the axis of a rotation as long as its angle, shape (3,) [rad]."""
     from scipy.spatial.transform import Rotation
 
-    given = np.array(_plain(rotation), dtype=np.float64)
-    if given.shape == (3,):
-        return given
-    matrix = validation.rotation("rotation", given)
+    numbers = np.array(_plain(rotation), dtype=np.float64)
+    if numbers.shape == (3,):
+        return numbers
+    matrix = validation.rotation("rotation", numbers)
     return np.asarray(Rotation.from_matrix(matrix).as_rotvec())

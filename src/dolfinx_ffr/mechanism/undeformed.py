@@ -65,13 +65,13 @@ class Undeformed:
             tables = marker.tabulate_in_space(self.start, self.user)
             return tables[0, 0, 0], tables[0, 0, 1:].T
         if marker not in self.poses:
-            placement, own = self.placements[marker[0]], self.marker_axes.get(marker)
-            given, position = placement.rotation, np.zeros(3)
+            placement, marker_axes = self.placements[marker[0]], self.marker_axes.get(marker)
+            rotation, position = placement.rotation, np.zeros(3)
             position[: len(placement.position)] = placement.position
-            A = upright_matrix(placement.angle) if given is None else rotation_matrix(given)
+            A = upright_matrix(placement.angle) if rotation is None else rotation_matrix(rotation)
             local = self.positions[marker]
             position += A[:, : len(local)] @ local
-            self.poses[marker] = position, A if own is None else A @ own
+            self.poses[marker] = position, A if marker_axes is None else A @ marker_axes
         return self.poses[marker]
 
     def position(self, marker: Marker) -> Array:
@@ -101,12 +101,13 @@ class Undeformed:
         in_plane = self._in_plane(marker, other)
         if in_plane is not None:
             return in_plane
-        own = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
-        angle, n = _twist(self.axes(marker), self.axes(other), own), self.axes(other) @ own
+        unit_axis = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+        angle = _twist(self.axes(marker), self.axes(other), unit_axis)
+        n = self.axes(other) @ unit_axis
         (here, A), (there, B) = self._turned(marker), self._turned(other)
         if max(np.linalg.norm(np.cross(turn, n)) for turn in (here, there)) > _ALONG:
             return angle
-        counted = _twist(A, B, own) + float((here - there) @ n)
+        counted = _twist(A, B, unit_axis) + float((here - there) @ n)
         return angle + 2.0 * np.pi * float(np.round((counted - angle) / (2.0 * np.pi)))
 
     def _in_plane(self, marker: Marker, other: Marker) -> float | None:
@@ -119,25 +120,26 @@ class Undeformed:
             return self.placements[marker[0]].angle
         if isinstance(marker, Ground):
             return marker.angle
-        known, angle = self.angles.get(id(marker), (None, 0.0))
-        if known is not marker:
-            where = f"{self.user}, marker {marker.name!r}"
-            angle = float(sample(marker.angle, self.start, where)[0])
+        cached, angle = self.angles.get(id(marker), (None, 0.0))
+        if cached is not marker:
+            user = f"{self.user}, marker {marker.name!r}"
+            angle = float(sample(marker.angle, self.start, user)[0])
             self.angles[id(marker)] = marker, angle
         return angle
 
     def _turned(self, marker: Marker) -> tuple[Array, Array]:
         """Unwrapped rotation vector of a marker (3,) [rad], and its axes before that rotation."""
         if isinstance(marker, tuple):
-            own, given = self.marker_axes.get(marker), self.placements[marker[0]].rotation
+            marker_axes = self.marker_axes.get(marker)
+            rotation = self.placements[marker[0]].rotation
         else:
-            own, given = None, marker.rotation
-        start = np.eye(3) if own is None else own
+            marker_axes, rotation = None, marker.rotation
+        start = np.eye(3) if marker_axes is None else marker_axes
         turn = np.zeros(3)
-        if given is not None and np.shape(given) == (3,):
-            turn = rotation_vector(given)
-        elif given is not None:
-            start = rotation_matrix(given) @ start
+        if rotation is not None and np.shape(rotation) == (3,):
+            turn = rotation_vector(rotation)
+        elif rotation is not None:
+            start = rotation_matrix(rotation) @ start
         if not isinstance(marker, tuple):
             turn = turn + marker.turns_in_space(self.start, "the start")[0]
         return turn, start
@@ -161,7 +163,7 @@ class Undeformed:
 
     def turning(self, components: Sequence[Any]) -> list[Any]:
         """Of three components those about axes that there are, z alone in the plane."""
-        return [part for k, part in enumerate(components) if k not in _NO_AXES[self.dimension]]
+        return [x for k, x in enumerate(components) if k not in _NO_AXES[self.dimension]]
 
     def axis(self, axis: Triple) -> Triple:
         """The axis itself; a ValueError if it is not perpendicular to the plane of the bodies."""
@@ -190,8 +192,8 @@ def parallel(a: Marker, b: Marker, axis: Triple, undeformed: Undeformed) -> list
     axis = undeformed.axis(axis)
     if undeformed.dimension == 2:
         return []
-    own, (first, second) = direction(a, undeformed.seen_from(a, b, axis)), perpendicular(axis)
-    return [Row(RowKind.DOT, (own, direction(b, e))) for e in (-second, first)]
+    axis_of_a, (e_1, e_2) = direction(a, undeformed.seen_from(a, b, axis)), perpendicular(axis)
+    return [Row(RowKind.DOT, (axis_of_a, direction(b, e))) for e in (-e_2, e_1)]
 
 
 def aligned(
@@ -210,9 +212,9 @@ def aligned(
             f"{undeformed.user}: in space the relative rotation is that of the placements; leave "
             "the angle out"
         )
-    first, second = perpendicular(axis)
-    own = direction(a, undeformed.seen_from(a, b, first))
-    return [*parallel(a, b, axis, undeformed), Row(RowKind.DOT, (own, direction(b, second)))]
+    e_1, e_2 = perpendicular(axis)
+    e_1_of_a = direction(a, undeformed.seen_from(a, b, e_1))
+    return [*parallel(a, b, axis, undeformed), Row(RowKind.DOT, (e_1_of_a, direction(b, e_2)))]
 
 
 def on_plane(a: Marker, b: Marker, normal: ArrayLike) -> Row:
