@@ -222,9 +222,9 @@ class MechanicalProblem:
 
     def validate(self, inventory: Inventory) -> None:
         """Refuse, by a ValueError, an ``inventory`` that lacks what an objective names."""
-        own = replace(inventory, joints=list(self.mechanism.joint_names))
+        with_joints = replace(inventory, joints=list(self.mechanism.joint_names))
         for objective in self.objectives.values():
-            objective.validate(own)
+            objective.validate(with_joints)
 
     def value(self, bodies: Bodies | Response) -> MechanicalEvaluation:
         """Objective and constraints; nothing is simulated if none depends on the trajectory.
@@ -238,11 +238,11 @@ class MechanicalProblem:
                 deform is rigid.
             SimulationError: If the trajectory cannot be computed.
         """
-        start, given = perf_counter(), self.response(bodies)
-        self.validate(given.inventory)
-        trajectory = self.settled(given).trajectory(given.bodies)
-        found = self.evaluated(replace(given, simulated=trajectory))
-        return replace(found, seconds={"simulation": perf_counter() - start})
+        start, response = perf_counter(), self.response(bodies)
+        self.validate(response.inventory)
+        trajectory = self.settled(response).trajectory(response.bodies)
+        evaluation = self.evaluated(replace(response, simulated=trajectory))
+        return replace(evaluation, seconds={"simulation": perf_counter() - start})
 
     def at(self, values: ArrayLike | Mapping[str, float]) -> MechanicalProblem:
         """The same problem at other values of the mechanism's parameters, see `Parameters.at`.
@@ -252,13 +252,13 @@ class MechanicalProblem:
         """
         if not isinstance(self.mechanism, ParametricMechanism):
             return self
-        found = self.mechanism.at(values)
-        return self if found is self.mechanism else replace(self, mechanism=found)
+        mechanism = self.mechanism.at(values)
+        return self if mechanism is self.mechanism else replace(self, mechanism=mechanism)
 
     def response(self, bodies: Bodies | Response) -> Response:
         """The arguments of the objectives before a simulation, the mechanism's bodies included."""
-        given = bodies if isinstance(bodies, Response) else Response(None, dict(bodies))
-        return replace(given, bodies={**given.bodies, **self.mechanism.own_bodies})
+        response = bodies if isinstance(bodies, Response) else Response(None, dict(bodies))
+        return replace(response, bodies={**response.bodies, **self.mechanism.own_bodies})
 
     def trajectory(self, bodies: Bodies) -> Trajectory | None:
         """The trajectory of ``bodies``, by name; None if nothing depends on it.
@@ -290,20 +290,24 @@ class MechanicalProblem:
         """
         start, response = perf_counter(), evaluation.response
         direct = self.partial(response)
-        pulled = dict[str, Bars]()
-        for label, part in direct.items():
-            if moves(part, response):
-                pulled[label] = adjoint(response.trajectory, part.trajectory)  # type: ignore[arg-type]
-        through = through_trajectory(response, direct, pulled)
-        found = {label: part.without_trajectory(through[label]) for label, part in direct.items()}
+        adjoints = dict[str, Bars]()
+        for label, partial in direct.items():
+            if moves(partial, response):
+                adjoints[label] = adjoint(response.trajectory, partial.trajectory)  # type: ignore[arg-type]
+        through = through_trajectory(response, direct, adjoints)
+        total = {
+            label: partial.without_trajectory(through[label]) for label, partial in direct.items()
+        }
         constraints = {}
-        for c in self.constraints:
-            own = found[c.label].scaled(c.slope)
-            constraints[c.label] = replace(
-                evaluation.constraints[c.label], derivatives=own, parameters=dict(own.parameters)
+        for constraint in self.constraints:
+            derivatives = total[constraint.label].scaled(constraint.slope)
+            constraints[constraint.label] = replace(
+                evaluation.constraints[constraint.label],
+                derivatives=derivatives,
+                parameters=dict(derivatives.parameters),
             )
         seconds = {**evaluation.seconds, "adjoint": perf_counter() - start}
-        return replace(evaluation, constraints=constraints, derivatives=found[""], seconds=seconds)
+        return replace(evaluation, constraints=constraints, derivatives=total[""], seconds=seconds)
 
     def partial(
         self, response: Response, labels: Collection[str] | None = None, of: str = ""
@@ -313,12 +317,14 @@ class MechanicalProblem:
         Those by parameters, at fixed trajectory, are among them. Names of constraints begin with
         the text ``of`` in messages.
         """
-        wanted = {n: o for n, o in self.objectives.items() if labels is None or n in labels}
-        where = {n: f"constraint {of + n!r}: " if n else "" for n in wanted}
-        found = {n: derivatives_of(each, response, where[n]) for n, each in wanted.items()}
+        objectives = {n: o for n, o in self.objectives.items() if labels is None or n in labels}
+        where = {n: f"constraint {of + n!r}: " if n else "" for n in objectives}
+        derivatives = {
+            n: derivatives_of(objective, response, where[n]) for n, objective in objectives.items()
+        }
         mechanism, run = self.mechanism, response.simulated
-        if not isinstance(mechanism, ParametricMechanism) or not wanted:
-            return found
+        if not isinstance(mechanism, ParametricMechanism) or not objectives:
+            return derivatives
         times = np.array([0.0, self.integrator.end_time])
         model = run.model if run else assemble_model(mechanism, response.bodies, times)
 
@@ -330,11 +336,11 @@ class MechanicalProblem:
 
             return value
 
-        slopes = fixed_slopes(model, [number(each) for each in wanted.values()])
-        for (label, part), row in zip(found.items(), slopes.tolist(), strict=True):
-            own = dict(zip(mechanism.parameters.names, row, strict=True))
-            found[label] = replace(part, parameters=own)
-        return found
+        slopes = fixed_slopes(model, [number(objective) for objective in objectives.values()])
+        for (label, partial), row in zip(derivatives.items(), slopes.tolist(), strict=True):
+            by_parameter = dict(zip(mechanism.parameters.names, row, strict=True))
+            derivatives[label] = replace(partial, parameters=by_parameter)
+        return derivatives
 
     def calibrated(
         self, evaluation: MechanicalEvaluation
@@ -364,7 +370,9 @@ class MechanicalProblem:
 
     def parted(self, response: Response) -> MechanicalProblem:
         """The problem with `Constraint.parts` at a ``response`` in place of each constraint."""
-        constraints = [part for each in self.constraints for part in each.parts(response)]
+        constraints = [
+            single for constraint in self.constraints for single in constraint.parts(response)
+        ]
         if len(constraints) == len(self.constraints):
             return self
         return replace(self, constraints=constraints)

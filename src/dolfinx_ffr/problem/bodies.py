@@ -116,16 +116,16 @@ class DesignedBodies:
                     f"problem: densities given for {sorted(x)}, but the flexible bodies are "
                     f"{sorted(self.flexible)}"
                 )
-            given = dict(x)
+            by_body = dict(x)
         elif len(self.flexible) > 1:
             raise ValueError(
                 f"problem: {len(self.flexible)} bodies have densities ({sorted(self.flexible)}); "
                 "give a mapping from name to density"
             )
         else:
-            given = {next(iter(self.flexible)): x}
+            by_body = {next(iter(self.flexible)): x}
         return {
-            name: body.domain.check_density(given[name], f"density of {name!r}")
+            name: body.domain.check_density(by_body[name], f"density of {name!r}")
             for name, body in self.flexible.items()
         }
 
@@ -160,8 +160,8 @@ class DesignedBodies:
                 name: body if isinstance(body, VolumeIntegrals) else reduced[name].integrals
                 for name, body in self.every.items()
             },
-            {name: _field(self.flexible[name], part.density) for name, part in reduced.items()},
-            {name: BodyStress(self.flexible[name], part) for name, part in reduced.items()},
+            {name: _field(self.flexible[name], body_.density) for name, body_ in reduced.items()},
+            {name: BodyStress(self.flexible[name], body_) for name, body_ in reduced.items()},
         )
 
     def pullback(
@@ -171,9 +171,9 @@ class DesignedBodies:
 
         Part of them goes through the reduction.
         """
-        found = Pulled({}, {} if nodes else None, {} if nodes else None, {}, {})
+        pulled = Pulled({}, {} if nodes else None, {} if nodes else None, {}, {})
         for name, body in self.flexible.items():
-            gradient, found.iterations[name] = np.zeros(body.domain.n_cells), 0
+            gradient, pulled.iterations[name] = np.zeros(body.domain.n_cells), 0
             moved: Array | None = None
             centers: Array | None = None
             integrals = bars.integrals[name]
@@ -182,24 +182,24 @@ class DesignedBodies:
                 shapes = None
                 if name in bars.stresses:
                     shapes = body.stress_pullback(reduced[name], bars.stresses[name])
-                gradient, moved, centers, learnt = body.pullback(
+                gradient, moved, centers, statistics = body.pullback(
                     reduced[name], integrals, shapes, nodes=nodes, cells=cells
                 )
-                found.iterations[name] = int(learnt.pop("iterations"))
-                found.seconds.update(summed(found.seconds, learnt))
+                pulled.iterations[name] = int(statistics.pop("iterations"))
+                pulled.seconds.update(summed(pulled.seconds, statistics))
             if name in bars.densities:
                 gradient = gradient + bars.densities[name]
-            found.gradient[name] = gradient
-            if found.nodes is not None and found.centers is not None:
+            pulled.gradient[name] = gradient
+            if pulled.nodes is not None and pulled.centers is not None:
                 count = len(body.domain.interfaces), body.domain.dimension
-                found.centers[name] = np.zeros(count) if centers is None else centers
+                pulled.centers[name] = np.zeros(count) if centers is None else centers
                 shape = len(body.domain.mesh.geometry.x), body.domain.dimension
                 moved = np.zeros(shape) if moved is None else moved
                 measures = bars.areas.get(name), bars.weights.get(name)
                 if any(bar is not None for bar in measures):
                     moved = moved + body.measures_pullback(*measures)
-                found.nodes[name] = moved
-        return found
+                pulled.nodes[name] = moved
+        return pulled
 
 
 def _field(body: FlexibleBody, density: Array) -> DensityField:

@@ -124,33 +124,33 @@ class LoadCases:
 
     def _slopes(self, psi: Mapping[str, float]) -> dict[str, float]:
         """The derivatives of psi by the objectives of the load cases."""
-        given, kind = self.combine.slopes(psi), type(self.combine).__name__
-        return {n: validation.number(f"the slope of {kind} by {n!r}", given.get(n)) for n in psi}
+        slopes, kind = self.combine.slopes(psi), type(self.combine).__name__
+        return {n: validation.number(f"the slope of {kind} by {n!r}", slopes.get(n)) for n in psi}
 
 
-def weighted(parts: Mapping[str, Derivatives], weights: Mapping[str, float]) -> Derivatives:
+def weighted(derivatives: Mapping[str, Derivatives], weights: Mapping[str, float]) -> Derivatives:
     """Weighted sum of derivatives by load case."""
-    scaled = [p if weights[n] == 1.0 else p.scaled(weights[n]) for n, p in parts.items()]
+    scaled = [p if weights[n] == 1.0 else p.scaled(weights[n]) for n, p in derivatives.items()]
     return sum(scaled[1:], scaled[0])
 
 
 def parametric(cases: Cases) -> dict[str, ParametricMechanism]:
     """The mechanisms with parameters, by load case."""
-    given = {name: case.mechanism for name, case in cases.items()}
-    return {name: m for name, m in given.items() if isinstance(m, ParametricMechanism)}
+    mechanisms = {name: case.mechanism for name, case in cases.items()}
+    return {name: m for name, m in mechanisms.items() if isinstance(m, ParametricMechanism)}
 
 
 def shared(cases: Cases) -> Parameters | None:
     """The parameters that all load cases share, or a ValueError if they have different ones."""
-    found = {name: mechanism.parameters for name, mechanism in parametric(cases).items()}
-    first = next(iter(found), "")
-    for name, each in found.items():
-        if each != found[first]:
+    by_case = {name: mechanism.parameters for name, mechanism in parametric(cases).items()}
+    first = next(iter(by_case), "")
+    for name, parameters in by_case.items():
+        if parameters != by_case[first]:
             raise ValueError(
                 f"problem: the load cases {first!r} and {name!r} have different parameters, "
-                f"{found[first]} and {each}; make all mechanisms by the same ffr.Parameters"
+                f"{by_case[first]} and {parameters}; make all mechanisms by the same ffr.Parameters"
             )
-    return found.get(first)
+    return by_case.get(first)
 
 
 def apart(

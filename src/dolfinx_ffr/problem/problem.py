@@ -394,9 +394,9 @@ class Problem(LoadCases):
             except ValueError as error:  # of a trial, which is taken back
                 raise SimulationError(str(error), None) from error  # type: ignore[arg-type]
         reduced = bodies.reduce(densities)
-        begin, given = perf_counter(), bodies.response(reduced)
-        simulated = trajectories(self.comm, self.load_cases, given.bodies)
-        psi, cases = self._evaluated(self._moving(given, simulated))
+        begin, response = perf_counter(), bodies.response(reduced)
+        simulated = trajectories(self.comm, self.load_cases, response.bodies)
+        psi, cases = self._evaluated(self._moving(response, simulated))
         seconds = {"simulation": perf_counter() - begin}
         return Evaluation(
             psi=psi,
@@ -531,21 +531,21 @@ class Problem(LoadCases):
         self, responses: Mapping[str, Response], jobs: Collection[Job]
     ) -> dict[Job, Derivatives]:
         """Partial derivatives of objectives, by load case and label."""
-        several, found = len(self.load_cases) > 1, dict[Job, Derivatives]()
+        several, derivatives = len(self.load_cases) > 1, dict[Job, Derivatives]()
         with on_every_rank(self.comm, WORK):
             for name, case in self.load_cases.items():
                 labels = [label for n, label in jobs if n == name]
-                own = case.partial(responses[name], labels, f"{name}: " if several else "")
-                found |= {(name, label): part for label, part in own.items()}
+                of_case = case.partial(responses[name], labels, f"{name}: " if several else "")
+                derivatives |= {(name, label): partial for label, partial in of_case.items()}
                 for label in labels:
                     check_integrals(case.objectives[label], responses[name], self.flexible)
-        said: dict[str, Any] = {}
-        for (name, label), part in found.items() if self.comm.size > 1 else ():
-            of = self._of(f"the constraint {label!r}" if label else "the objective", name)
-            for by, array in replicated(part, responses[name]).items():
-                said[f"the derivative of {of} {by}"] = array
-        check_alike(self.comm, "problem", said, DIFFERS)
-        return {job: found[job] for job in jobs}
+        compared: dict[str, Any] = {}
+        for (name, label), partial in derivatives.items() if self.comm.size > 1 else ():
+            number = self._of(f"the constraint {label!r}" if label else "the objective", name)
+            for by, array in replicated(partial, responses[name]).items():
+                compared[f"the derivative of {number} {by}"] = array
+        check_alike(self.comm, "problem", compared, DIFFERS)
+        return {job: derivatives[job] for job in jobs}
 
     def _counting(
         self, evaluation: Evaluation
@@ -568,18 +568,20 @@ class Problem(LoadCases):
         through = adjoints(self.comm, responses, direct)
         none = Derivatives()
         fixed = weighted({n: direct[n, ""].without_trajectory(none) for n in weights}, weights)
-        moved = weighted({n: through[n, ""] for n in weights}, weights)
-        return dict(fixed.integrals), dict(moved.integrals)
+        through_motion = weighted({n: through[n, ""] for n in weights}, weights)
+        return dict(fixed.integrals), dict(through_motion.integrals)
 
     def partial_derivatives(self, evaluation: Evaluation) -> Derivatives:
         """The partial derivatives of psi at an ``evaluation``.
 
         That by the trajectory is None where there are several load cases.
         """
-        _, found, weights = self._counting(evaluation)
+        _, derivatives, weights = self._counting(evaluation)
         if len(self.load_cases) > 1:
-            found = {j: part.without_trajectory(Derivatives()) for j, part in found.items()}
-        return weighted({name: found[name, ""] for name in weights}, weights)
+            derivatives = {
+                j: partial.without_trajectory(Derivatives()) for j, partial in derivatives.items()
+            }
+        return weighted({name: derivatives[name, ""] for name in weights}, weights)
 
     def psi_with(
         self,
@@ -605,9 +607,11 @@ class Problem(LoadCases):
         }
         simulated = trajectories(self.comm, cases, bodies, warn=False)
         fields = self._designed.response(evaluation.bodies).densities
-        found = {n: Response(simulated[n], bodies, fields, stresses) for n in cases}
+        responses = {n: Response(simulated[n], bodies, fields, stresses) for n in cases}
         with on_every_rank(self.comm, WORK):
-            return self._combined({n: value_of(m.objective, found[n]) for n, m in cases.items()})
+            return self._combined(
+                {n: value_of(m.objective, responses[n]) for n, m in cases.items()}
+            )
 
     def integrals(self, evaluation: Evaluation) -> dict[str, VolumeIntegrals]:
         """The volume integrals of all bodies at an ``evaluation``, in the order of the bodies."""
@@ -622,37 +626,41 @@ class Problem(LoadCases):
     def _responses(self, evaluation: Evaluation) -> dict[str, Response]:
         """The arguments of the objectives at an evaluation, by load case."""
         validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
-        given = self._designed.response(evaluation.bodies)
-        there = self.at_evaluation(evaluation)
-        there.refuse_foreign_load_cases(evaluation)
+        bodies = self._designed.response(evaluation.bodies)
+        problem = self.at_evaluation(evaluation)
+        problem.refuse_foreign_load_cases(evaluation)
         simulated = {name: case.trajectory for name, case in evaluation.load_cases.items()}
-        found = there._moving(given, simulated)
-        for name, response in found.items():
+        responses = problem._moving(bodies, simulated)
+        for name, response in responses.items():
             response.known.update(evaluation.load_cases[name].known)
-        return found
+        return responses
 
     def _moving(
-        self, given: Response, simulated: Mapping[str, Trajectory | None]
+        self, response: Response, simulated: Mapping[str, Trajectory | None]
     ) -> dict[str, Response]:
         """Responses by load case, with the bodies that its mechanism states."""
         cases = self.load_cases.items()
-        return {n: replace(case.response(given), simulated=simulated[n]) for n, case in cases}
+        return {n: replace(case.response(response), simulated=simulated[n]) for n, case in cases}
 
     def _evaluated(
         self, responses: Mapping[str, Response]
     ) -> tuple[float, dict[str, LoadCaseEvaluation]]:
         """Psi, and objective and constraints of each load case, as rank 0 computes them."""
         with on_every_rank(self.comm, WORK):
-            own = {name: m.evaluated(responses[name]) for name, m in self.load_cases.items()}
-        said: dict[str, Any] = {}
+            evaluations = {
+                name: m.evaluated(responses[name]) for name, m in self.load_cases.items()
+            }
+        compared: dict[str, Any] = {}
         for name, case in self.load_cases.items():
-            said[self._of("integrator", name)] = case.integrator
-            said[self._of("the objective", name)] = float(own[name].psi)
-            for label, bound in own[name].constraints.items():
-                said[self._of(f"the constraint {label!r}", name)] = bound.value
-        check_alike(self.comm, "problem", said, DIFFERS)
+            compared[self._of("integrator", name)] = case.integrator
+            compared[self._of("the objective", name)] = float(evaluations[name].psi)
+            for label, bound in evaluations[name].constraints.items():
+                compared[self._of(f"the constraint {label!r}", name)] = bound.value
+        check_alike(self.comm, "problem", compared, DIFFERS)
         # the last bits of a rank may decide nothing
-        values = self.comm.bcast({n: (part.psi, part.constraints) for n, part in own.items()})
+        values = self.comm.bcast(
+            {n: (evaluation.psi, evaluation.constraints) for n, evaluation in evaluations.items()}
+        )
         with on_every_rank(self.comm, WORK):
             psi = self._combined({name: value for name, (value, _) in values.items()})
         return psi, {

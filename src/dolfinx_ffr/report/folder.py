@@ -68,11 +68,11 @@ class Folder:
         summary, history = path / "summary.json", path / "history.csv"
         if not summary.is_file() and not history.is_file():
             below = [f.parent for f in sorted(path.glob("*/summary.json"))]
-            found = f"; there are runs in {', '.join(map(str, below[:5]))}" if below else ""
+            hint = f"; there are runs in {', '.join(map(str, below[:5]))}" if below else ""
             what = "is no folder" if not path.is_dir() else "holds no run"
             raise FileNotFoundError(
                 f"report: {str(path)!r} {what}: neither summary.json nor history.csv is there"
-                f"{found}. Give the folder that a demo wrote to, for example results/slider_crank "
+                f"{hint}. Give the folder that a demo wrote to, for example results/slider_crank "
                 "(make demo)"
             )
         folder = Folder(path, {}, {})
@@ -95,10 +95,10 @@ class Folder:
     def picture(self, name: str) -> Picture | None:
         """A picture of the folder, or None if it is missing, damaged or too large."""
         file = self.path / name
-        known, made_by = PICTURES.get(name, ("", ""))
+        caption_of_kind, made_by = PICTURES.get(name, ("", ""))
         if not file.is_file():
             if name in _WANTED:
-                self.missing.append(f"{name}: {known[:-1].lower()} (plotting.{made_by})")
+                self.missing.append(f"{name}: {caption_of_kind[:-1].lower()} (plotting.{made_by})")
             return None
         content = file.read_bytes()
         try:
@@ -114,25 +114,27 @@ class Folder:
             self.missing.append(f"{name}: the file is damaged")
             return None
         if self._bytes + len(content) + len(still) > LIMIT:
-            shown = "only its first frame is shown" if still else "it is left out"
+            consequence = "only its first frame is shown" if still else "it is left out"
             self.missing.append(
                 f"{name}: with {len(content) / 1e6:.1f} MB it would make the page too large; "
-                f"{shown}"
+                f"{consequence}"
             )
             if not still:
                 return None
             content, kind, still = still, "PNG", b""
         self._bytes += len(content) + len(still)
         words = re.sub(r"[_-]+", " ", Path(name).stem).strip()
-        caption = known or f"{words[:1].upper()}{words[1:]}."
-        first = data_uri(still, "image/png") if still else ""
-        return Picture(caption, data_uri(content, f"image/{kind.lower()}"), width, height, first)
+        caption = caption_of_kind or f"{words[:1].upper()}{words[1:]}."
+        still_source = data_uri(still, "image/png") if still else ""
+        return Picture(
+            caption, data_uri(content, f"image/{kind.lower()}"), width, height, still_source
+        )
 
     def further_pictures(self) -> list[Picture]:
         """Pictures of the folder that the report does not know."""
         names = sorted(f.name for f in self.path.iterdir() if f.suffix.lower() in {".png", ".gif"})
-        others = [n for n in names if n not in (*PICTURES, *_OWN) and not n.startswith(".")]
-        return [picture for name in others if (picture := self.picture(name)) is not None]
+        further = [n for n in names if n not in (*PICTURES, *_OWN) and not n.startswith(".")]
+        return [picture for name in further if (picture := self.picture(name)) is not None]
 
     def drawing_of(self, body: str, *, alone: bool) -> Path | None:
         """The SVG file of the part of a body; ``alone`` if there is no other part."""
@@ -167,18 +169,18 @@ def _still(image: Image.Image) -> bytes:
 
 def _record(file: Path) -> dict[str, Any]:
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        record = json.loads(file.read_text(encoding="utf-8"))
     except (RecursionError, ValueError) as error:  # no text, or no JSON
         raise ValueError(f"report: {file} is damaged: {error}; run the program again") from error
-    if not isinstance(found, dict):
+    if not isinstance(record, dict):
         raise ValueError(f"report: {file} must hold a mapping from names to numbers and texts")
-    return found
+    return record
 
 
 def words(name: str) -> str:
     """The name of a class, "IntegralCompliance", as the words that begin a sentence."""
-    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
-    return apart[:1].upper() + apart[1:]
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
+    return text[:1].upper() + text[1:]
 
 
 @dataclass(frozen=True)
@@ -229,10 +231,10 @@ class Run:
 
     def mapping(self, key: str) -> dict[str, Any]:
         """The mapping under a key; empty where there is none."""
-        found = self.record.get(key)
-        if found is not None and not isinstance(found, dict):
+        entry = self.record.get(key)
+        if entry is not None and not isinstance(entry, dict):
             self.missing(f"summary.json: what stands under {key!r} cannot be used (no mapping)")
-        return found if isinstance(found, dict) else {}
+        return entry if isinstance(entry, dict) else {}
 
     def missing(self, what: str) -> None:
         """Note once that something is missing."""
@@ -244,8 +246,8 @@ class Run:
         try:
             return build(self)
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-            said = f"{type(error).__name__}: {error}"
+            reason = f"{type(error).__name__}: {error}"
             self.missing(
-                f"{what}: summary.json holds something else than run_record writes ({said})"
+                f"{what}: summary.json holds something else than run_record writes ({reason})"
             )
             return nothing

@@ -75,17 +75,17 @@ def recorded_warnings() -> Iterator[list[dict[str, str]]]:
         A list that grows: category and message of each warning of this rank.
     """
     show = python_warnings.showwarning
-    found: list[dict[str, str]] = []
+    entries: list[dict[str, str]] = []
 
-    def shown(message: Warning | str, category: type[Warning], *rest: Any, **options: Any) -> None:
+    def record(message: Warning | str, category: type[Warning], *rest: Any, **options: Any) -> None:
         entry = {"category": category.__name__, "message": str(message)}
-        if entry not in found:
-            found.append(entry)
+        if entry not in entries:
+            entries.append(entry)
         show(message, category, *rest, **options)
 
-    python_warnings.showwarning = shown
+    python_warnings.showwarning = record
     try:
-        yield found
+        yield entries
     finally:
         python_warnings.showwarning = show
 
@@ -125,11 +125,11 @@ def run_record(
     validation.instance("run_record: result", result, Result, "what optimize() returned")
     validation.instance("run_record: title", title, str, "a text")
     bodies = result.problem.flexible
-    given = validation.instances_by_name("run_record: parts", parts or {}, Part, "a Part")
+    planar_parts = validation.instances_by_name("run_record: parts", parts or {}, Part, "a Part")
     if volume is None:
         volume = result.bounds
     bounds = volume if isinstance(volume, Mapping) else dict.fromkeys(result.densities, volume)
-    for what, names in (("parts", given), ("volume", bounds)):
+    for what, names in (("parts", planar_parts), ("volume", bounds)):
         if unknown := sorted(set(names) - set(bodies)):
             raise ValueError(
                 f"run_record: {what} are given for {unknown}, and the bodies with a density are "
@@ -138,10 +138,10 @@ def run_record(
     if verification is not None:
         needed = "what verify() returned"
         validation.instance("run_record: verification", verification, Verification, needed)
-    told = result.moved or result
-    problem, evaluation = told.problem, told.evaluation
-    said = [dict(entry) for entry in warnings]
-    found = {
+    final = result.moved or result
+    problem, evaluation = final.problem, final.evaluation
+    warning_entries = [dict(entry) for entry in warnings]
+    record = {
         "title": title,
         **result.summary(),
         "objective": _objective(problem),
@@ -153,18 +153,20 @@ def run_record(
             for name, values in evaluation.fixed_interface_frequencies.items()
         },
         "stress": _stress(problem, evaluation),
-        "scene": _scene(problem, evaluation, said),
-        "parts": on_rank_0(problem.comm, lambda: {n: _part(part) for n, part in given.items()}),
+        "scene": _scene(problem, evaluation, warning_entries),
+        "parts": on_rank_0(
+            problem.comm, lambda: {n: _part(part) for n, part in planar_parts.items()}
+        ),
         "verification": None if verification is None else _verification(verification),
         "bound": _bound(result, evaluation.psi if verification is None else verification.psi),
-        "warnings": said,
+        "warnings": warning_entries,
         "versions": _versions(),
         "command": _command(problem.comm),
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),
         "ranks": problem.comm.size,
         "seconds": float(result.history["seconds"][-1]),
     }
-    same_on_all: dict[str, Any] = problem.comm.bcast(plain(found), root=0)
+    same_on_all: dict[str, Any] = problem.comm.bcast(plain(record), root=0)
     return same_on_all
 
 
@@ -195,28 +197,37 @@ def _objective(problem: Problem) -> dict[str, str]:
 
 
 def _load_cases(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for name, case in problem.load_cases.items():
-        objective, own = case.objective, evaluation.load_cases[name]
+        objective, case_evaluation = case.objective, evaluation.load_cases[name]
         kind = {"name": type(objective).__name__, "unit": _unit(objective, case.mechanism)}
-        found[name] = {"psi": own.psi, "objective": kind, "weight": problem.combine.weight(name)}
-        found[name] |= {"loads": _loads(case.mechanism), **_integration(case, own.trajectory)}
-    return found
+        entries[name] = {
+            "psi": case_evaluation.psi,
+            "objective": kind,
+            "weight": problem.combine.weight(name),
+        }
+        entries[name] |= {
+            "loads": _loads(case.mechanism),
+            **_integration(case, case_evaluation.trajectory),
+        }
+    return entries
 
 
 def _integration(case: MechanicalProblem, trajectory: Trajectory | None) -> dict[str, Any]:
     method = case.integrator
-    found: dict[str, Any] = {"integrator": type(method).__name__, "duration": method.end_time}
-    found["order"] = method.order
+    entry: dict[str, Any] = {"integrator": type(method).__name__, "duration": method.end_time}
+    entry["order"] = method.order
     if trajectory is not None:
-        found["steps"] = len(trajectory.step_ends) - 1
-    return found
+        entry["steps"] = len(trajectory.step_ends) - 1
+    return entry
 
 
-def _scene(problem: Problem, evaluation: Evaluation, said: list[dict[str, str]]) -> dict[str, Any]:
+def _scene(
+    problem: Problem, evaluation: Evaluation, warning_entries: list[dict[str, str]]
+) -> dict[str, Any]:
     bodies: dict[str, Any] = {name: {"kind": "flexible"} for name in problem.flexible}
     joints: list[dict[str, Any]] = []
-    found: dict[str, Any] = {"bodies": bodies, "joints": joints}
+    entry: dict[str, Any] = {"bodies": bodies, "joints": joints}
     for load_case, case in problem.load_cases.items():
         for name, joint in zip(case.mechanism.joint_names, case.mechanism.joints, strict=True):
             between = [marker_name(marker) for marker in joint.markers]
@@ -224,21 +235,21 @@ def _scene(problem: Problem, evaluation: Evaluation, said: list[dict[str, str]])
             if len(problem.load_cases) > 1:
                 joints[-1]["load_case"] = load_case
     if len(problem.load_cases) == 1:
-        found["loads"] = _loads(case.mechanism)
-        found |= _integration(case, evaluation.trajectory if evaluation.moves else None)
+        entry["loads"] = _loads(case.mechanism)
+        entry |= _integration(case, evaluation.trajectory if evaluation.moves else None)
     if evaluation.moves:
         try:
             report = model_report(problem, evaluation)
             names = ("modes_error", "step_error", "coordinates", "rows", "left_out")
-            found |= {"text": str(report), **_attributes(report, *names)}
+            entry |= {"text": str(report), **_attributes(report, *names)}
             bodies |= {name: {**vars(body)} for name, body in report.bodies.items()}
         except SimulationError as error:  # with steps twice as long, which is told
-            what = f"the errors by modes and time step could not be estimated: {error}"
-            said.append({"category": type(error).__name__, "message": what})
+            message = f"the errors by modes and time step could not be estimated: {error}"
+            warning_entries.append({"category": type(error).__name__, "message": message})
     for name, body in problem.flexible.items():
         bodies[name] |= {"elements": body.domain.n_cells_global, "order": body.domain.order}
         bodies[name]["material"] = _numbers_of(body.material)
-    return found
+    return entry
 
 
 def _attributes(thing: Any, *names: str) -> dict[str, Any]:
@@ -247,63 +258,65 @@ def _attributes(thing: Any, *names: str) -> dict[str, Any]:
 
 def _loads(mechanism: Mechanism) -> list[str]:
     """The loads on the bodies besides their inertia, in words."""
-    said = [f"point mass {p.mass:g} kg at {marker_name(p.marker)}" for p in mechanism.point_masses]
+    loads = [f"point mass {p.mass:g} kg at {marker_name(p.marker)}" for p in mechanism.point_masses]
     ground = {"acceleration of the ground": mechanism.ground_acceleration}
-    for what, pair in {"gravity": mechanism.gravity, **ground}.items():
+    for name, pair in {"gravity": mechanism.gravity, **ground}.items():
         if not all(validation.is_number(component) for component in pair):
-            said.append(f"{what} as a function of time")
+            loads.append(f"{name} as a function of time")
         elif any(pair):
-            said.append(f"{what} ({', '.join(f'{component:g}' for component in pair)}) m/s²")
+            loads.append(f"{name} ({', '.join(f'{component:g}' for component in pair)}) m/s²")
     for name, force in zip(mechanism.force_names, mechanism.forces, strict=True):
         markers = ", ".join(marker_name(marker) for marker in force.markers)
-        said.append(f"{type(force).__name__} {name} at {markers}")
+        loads.append(f"{type(force).__name__} {name} at {markers}")
     for name, damping in mechanism.damping.items():
         if damping.alpha or damping.beta:
-            said.append(f"damping of {name}: {damping.alpha:g} 1/s, {damping.beta:g} s")
-    return said
+            loads.append(f"damping of {name}: {damping.alpha:g} 1/s, {damping.beta:g} s")
+    return loads
 
 
 def _numbers_of(material: Any) -> dict[str, Any]:
     """Class and numbers of a material that is a dataclass."""
     names = [field.name for field in fields(material)] if is_dataclass(material) else []
-    given = _attributes(material, *names)
-    numbers = {name: float(v) for name, v in given.items() if validation.is_number(v)}
+    values = _attributes(material, *names)
+    numbers = {name: float(v) for name, v in values.items() if validation.is_number(v)}
     return {"kind": type(material).__name__, **numbers}
 
 
 def _constraints(result: Result, bounds: Mapping[str, float]) -> dict[str, Any]:
     """The bounds of volumes, and the constraints of all load cases by their labels."""
     keys = ("value", "bound", "unit", "kind", "violation")
-    told = result.moved or result
-    problem, evaluation, found = told.problem, told.evaluation, {}
+    final = result.moved or result
+    problem, evaluation, entries = final.problem, final.evaluation, {}
     shares = (result.moved or evaluation).volume
     for body, bound in bounds.items():
         name = f"volume of {body}"
-        over = result.violations.get(name, 0.0)
-        found[name] = shares[body], float(bound), "", "at most", over
+        violation = result.violations.get(name, 0.0)
+        entries[name] = shares[body], float(bound), "", "at most", violation
     mechanisms = [case.mechanism for case in problem.load_cases.values() for _ in case.constraints]
     for constraint, mechanism in zip(problem.constraints, mechanisms, strict=True):
-        own = evaluation.constraints[constraint.label]
+        constraint_value = evaluation.constraints[constraint.label]
         kind = "at least" if constraint.upper is None else "at most"
-        unit, over = _unit(constraint.objective, mechanism), max(own.violation, 0.0)
-        found[constraint.label] = own.value, constraint.bound, unit, kind, over
-    return {name: dict(zip(keys, values, strict=True)) for name, values in found.items()}
+        unit = _unit(constraint.objective, mechanism)
+        violation = max(constraint_value.violation, 0.0)
+        value = constraint_value.value
+        entries[constraint.label] = value, constraint.bound, unit, kind, violation
+    return {name: dict(zip(keys, values, strict=True)) for name, values in entries.items()}
 
 
 def _stress(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for name, body in problem.flexible.items() if evaluation.moves else ():
         worst = worst_stress(body, evaluation, name)
-        found[name] = {key: getattr(worst, f"largest_{key}") for key in ("time", "position")}
-        found[name]["value"] = worst.largest
+        entries[name] = {key: getattr(worst, f"largest_{key}") for key in ("time", "position")}
+        entries[name]["value"] = worst.largest
         if len(problem.load_cases) > 1:
-            found[name]["load_case"] = worst.load_case
-    return found
+            entries[name]["load_case"] = worst.load_case
+    return entries
 
 
 def _part(part: Part) -> dict[str, Any]:
-    def width(found: Width | None) -> dict[str, Any] | None:
-        return None if found is None else _attributes(found, "value", "ends")
+    def width(measured: Width | None) -> dict[str, Any] | None:
+        return None if measured is None else _attributes(measured, "value", "ends")
 
     return {
         **_attributes(part, "area", "center", "pieces", "holes", "deviation"),
@@ -316,24 +329,28 @@ def _part(part: Part) -> dict[str, Any]:
     }
 
 
-def _verification(found: Verification) -> dict[str, Any]:
-    before, after, bodies = found.reported, found.fitted[-1], {}
-    for name, body in after.bodies.items():
-        part, both = found.parts[name], (before.bodies[name], body)
-        own = {"cells": body.cells, "elements": part.elements, "modes": found.modes[name]}
-        if isinstance(part, Solid):  # widths of planar parts stand with the parts
-            widths = _attributes(part, "thinnest_member", "narrowest_gap")
-            own |= {what: width and width.value for what, width in widths.items()}
-        own |= {key: [getattr(each, key) for each in both] for key in _OF_BODY}
-        bodies[name] = {**own, "frequencies": [b.frequencies[:_FREQUENCIES] for b in both]}
+def _verification(verification: Verification) -> dict[str, Any]:
+    reported, finest, bodies = verification.reported, verification.fitted[-1], {}
+    for name, body in finest.bodies.items():
+        body_part, pair = verification.parts[name], (reported.bodies[name], body)
+        entry = {
+            "cells": body.cells,
+            "elements": body_part.elements,
+            "modes": verification.modes[name],
+        }
+        if isinstance(body_part, Solid):  # widths of planar parts stand with the parts
+            widths = _attributes(body_part, "thinnest_member", "narrowest_gap")
+            entry |= {what: width and width.value for what, width in widths.items()}
+        entry |= {key: [getattr(body_, key) for body_ in pair] for key in _OF_BODY}
+        bodies[name] = {**entry, "frequencies": [b.frequencies[:_FREQUENCIES] for b in pair]}
     pairs = {
-        key: {n: [getattr(before, key)[n], value] for n, value in getattr(after, key).items()}
+        key: {n: [getattr(reported, key)[n], value] for n, value in getattr(finest, key).items()}
         for key in ("constraints", "load_cases")
     }
     return {
-        **_attributes(found, "difference", "change", "tolerance", "converged"),
-        **{"reported": before.psi, "part": found.psi, **pairs, "bodies": bodies},
-        "meshes": [_attributes(row, "size", "psi") for row in found.fitted],
+        **_attributes(verification, "difference", "change", "tolerance", "converged"),
+        **{"reported": reported.psi, "part": verification.psi, **pairs, "bodies": bodies},
+        "meshes": [_attributes(row, "size", "psi") for row in verification.fitted],
     }
 
 

@@ -154,39 +154,41 @@ def _panels(run: Run, columns: Mapping[str, Any]) -> list[dict[str, str]]:
     with tempfile.TemporaryDirectory() as place:
         for name, text in _PANELS.items():
             values = columns.get(name)
-            shown = {"iteration": iteration}
+            curves = {"iteration": iteration}
             if name == "load_cases":
-                shown |= {n: v for n, v in columns.items() if n.startswith("psi of ")}
+                curves |= {n: v for n, v in columns.items() if n.startswith("psi of ")}
             elif name == "parameters":
-                shown |= {n: v for n, v in columns.items() if n.startswith("parameter ")}
+                curves |= {n: v for n, v in columns.items() if n.startswith("parameter ")}
             elif values is not None and np.isfinite(values).any():
-                shown[name] = values
-            if len(shown) == 1:
+                curves[name] = values
+            if len(curves) == 1:
                 continue
             if name == "volume" and "gray" in columns:
-                shown["gray"] = columns["gray"]
+                curves["gray"] = columns["gray"]
             file = Path(place) / f"{name}.svg"
             options = {"psi_unit": run.psi_unit, "volume_bound": bound, "comm": MPI.COMM_SELF}
-            plot_history(shown, file, parameters=_parameters(run), **options)
+            plot_history(curves, file, parameters=_parameters(run), **options)
             panels.append({"text": text, "source": data_uri(file.read_bytes(), "image/svg+xml")})
     return panels
 
 
 def _parameters(run: Run) -> Parameters | None:
     """The parameters of the mechanism with their bounds, if there are any."""
-    keys, given = ("value", "lower", "upper", "unit", "scale"), run.mapping("parameters")
-    entries = {name: tuple(own[key] for key in keys) for name, own in given.items()}
+    keys, recorded = ("value", "lower", "upper", "unit", "scale"), run.mapping("parameters")
+    entries = {name: tuple(entry[key] for key in keys) for name, entry in recorded.items()}
     return Parameters(**entries) if entries else None
 
 
 def _table(
-    run: Run, columns: Mapping[str, Any], known: Mapping[str, tuple[str, str]], caption: str
+    run: Run, columns: Mapping[str, Any], columns_known: Mapping[str, tuple[str, str]], caption: str
 ) -> Table | None:
     """The ``known`` ones of some columns, with their headings and units."""
-    chosen = {n: columns[n] for n in known if n in columns and np.isfinite(columns[n]).any()}
+    shown_columns = {
+        n: columns[n] for n in columns_known if n in columns and np.isfinite(columns[n]).any()
+    }
     head, texts = [], []
-    for name, values in chosen.items():
-        heading, unit = known[name]
+    for name, values in shown_columns.items():
+        heading, unit = columns_known[name]
         if unit == "%":
             texts.append([percent(float(v), 3) for v in values])
             heading += " [%]"
@@ -200,7 +202,7 @@ def _table(
             heading += f" [{scale.name}]" if scale.name else ""
         head.append(heading)
     rows = list(zip(*texts, strict=True))
-    numeric = [i for i, name in enumerate(chosen) if name not in {"iteration", "accepted"}]
+    numeric = [i for i, name in enumerate(shown_columns) if name not in {"iteration", "accepted"}]
     return Table.of(caption, head, rows, numeric)
 
 
@@ -219,8 +221,8 @@ def _last_psi(run: Run, columns: Mapping[str, Any]) -> str:
 
 
 def _warnings(run: Run) -> list[Row] | None:
-    given = run.record.get("warnings")
-    return given and [(str(entry["category"]), str(entry["message"])) for entry in given]
+    entries = run.record.get("warnings")
+    return entries and [(str(entry["category"]), str(entry["message"])) for entry in entries]
 
 
 def _versions(run: Run) -> Table | None:

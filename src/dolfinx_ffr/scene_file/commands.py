@@ -52,7 +52,7 @@ def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = F
     folder = _folder(scene, output)
     if not (resume or overwrite):
         _refuse_results(folder)
-    with _plain_warnings(), recorded_warnings() as said:
+    with _plain_warnings(), recorded_warnings() as warning_entries:
         problem, maker = scene.made()
         _say(f"{scene.title}: {_sizes(problem)}")
         result = scene.optimized(maker, output=folder, resume=resume)
@@ -61,15 +61,15 @@ def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = F
             elsewhere = f" --output {output}" if output else ""
             _say(f"interrupted; to go on: dolfinx_ffr design {file}{elsewhere} --resume")
             return code
-        found = result.finish(folder)
+        verification = result.finish(folder)
         _say("drawing")
         _draw(result, folder)
         record = run_record(
             result,
             title=scene.title,
-            parts=_flat_parts(result) if found else {},
-            verification=found,
-            warnings=said,
+            parts=_flat_parts(result) if verification else {},
+            verification=verification,
+            warnings=warning_entries,
             references=(full := _full(result)),
         )
     write_summary(COMM, folder / "summary.json", record)
@@ -79,9 +79,9 @@ def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = F
     count = f"{result.iterations} iterations{ended}"
     _say(f"psi = {result.psi:.6g} {_unit(result)} after {count}{share}")
     _say(record["bound"]["text"])
-    if found is None:
+    if verification is None:
         raise SceneError(f"{file}: the design encloses no part; {report} tells what was found")
-    _say(f"{found}\nthe part and the report are in {folder} ({report.name})")
+    _say(f"{verification}\nthe part and the report are in {folder} ({report.name})")
     return 0
 
 
@@ -121,10 +121,10 @@ def _refuse_results(folder: Path) -> None:
     """Refuse to overwrite the results of a run, or the checkpoint of one that was interrupted."""
 
     def check() -> None:
-        there = [name for name in _RESULTS if (folder / name).exists()]
-        if there:
+        present = [name for name in _RESULTS if (folder / name).exists()]
+        if present:
             raise SceneError(
-                f"{folder} holds the results of an earlier run ({', '.join(there)}); go on from "
+                f"{folder} holds the results of an earlier run ({', '.join(present)}); go on from "
                 "them by --resume, write elsewhere by --output FOLDER, or replace them by "
                 "--overwrite"
             )
@@ -136,13 +136,16 @@ def new(name: str | None, folder: Path) -> int:
     """Write an example, with the files that it needs, or say which there are."""
     names = sorted(p.name.removesuffix(".toml") for p in _EXAMPLES.iterdir() if ".toml" in p.name)
     if name is None:
-        for each in names:
-            title = (_EXAMPLES / f"{each}.toml").read_text(encoding="utf-8").splitlines()[0]
-            _say(f"{each:14}{title.removeprefix('# ')}")
+        for example in names:
+            title = (_EXAMPLES / f"{example}.toml").read_text(encoding="utf-8").splitlines()[0]
+            _say(f"{example:14}{title.removeprefix('# ')}")
         return 0
     if name not in names:
         raise SceneError(f"there is no example {name!r}; {near(name, names)}")
-    targets = [folder / f"{name}.toml", *(folder / other for other in _COMPANIONS.get(name, ()))]
+    targets = [
+        folder / f"{name}.toml",
+        *(folder / companion for companion in _COMPANIONS.get(name, ())),
+    ]
 
     def copy() -> None:
         for target in targets:
@@ -181,18 +184,18 @@ def _plain_warnings() -> Iterator[None]:
 
 def _sizes(problem: Problem) -> str:
     """Elements and degrees of freedom of the flexible bodies."""
-    told = []
+    sizes = []
     for name, body in problem.flexible.items():
         space, cells = body.domain.space.dofmap, body.domain.n_cells_global
         unknowns = space.index_map.size_global * space.index_map_bs
-        told.append(f"{name} has {cells:,} elements and {unknowns:,} degrees of freedom")
-    return ", ".join(told)
+        sizes.append(f"{name} has {cells:,} elements and {unknowns:,} degrees of freedom")
+    return ", ".join(sizes)
 
 
 def _flat_parts(result: Result) -> dict[str, Part]:
     """The parts in the plane."""
-    every = {name: result.part(name) for name in result.densities}
-    return {name: part for name, part in every.items() if isinstance(part, Part)}
+    parts = {name: result.part(name) for name in result.densities}
+    return {name: part for name, part in parts.items() if isinstance(part, Part)}
 
 
 def _first(problem: Problem, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
@@ -203,15 +206,15 @@ def _first(problem: Problem, evaluation: Evaluation) -> tuple[Problem, Evaluatio
 
 def _draw(result: Result, folder: Path) -> None:
     """Draw densities, history, scene and film."""
-    alone = len(result.densities) == 1
+    only_one = len(result.densities) == 1
     for name, x in result.densities.items():
-        domain, file = result.problem.flexible[name].domain, "design" if alone else name
+        domain, file = result.problem.flexible[name].domain, "design" if only_one else name
         write_density(domain, x, folder / f"{file}.xdmf")
         plotting.plot_design(domain, x, folder / f"{file}.png", title=name)
     plotting.plot_history(result.history, folder / "history.png", psi_unit=_unit(result))
-    shown = _first(*result.final)
-    plotting.plot_scene(*shown, folder / "scene.png")
-    plotting.animate_motion(*shown, folder / "motion.gif")
+    first_case = _first(*result.final)
+    plotting.plot_scene(*first_case, folder / "scene.png")
+    plotting.animate_motion(*first_case, folder / "motion.gif")
 
 
 def _unit(result: Result) -> str:
@@ -243,18 +246,18 @@ def _estimate(scene: Scene, problem: Problem) -> str:
         began = perf_counter()
         problem.gradient(even)
         seconds.append(perf_counter() - began)
-    each, given = COMM.bcast(min(seconds)), scene.run.arguments
-    iterations = given.get("iterations", 100)
+    gradient, settings = COMM.bcast(min(seconds)), scene.run.arguments
+    iterations = settings.get("iterations", 100)
     dimension = max(body.domain.dimension for body in problem.flexible.values())
-    steps = given.get("boundary", default_steps(iterations) if dimension == 2 else 0)
-    iteration, step, rest = _GRADIENTS[dimension]
-    loop, moved, rest = (each * n for n in (iteration * iterations, step * steps, rest))
-    boundary = f", {steps} steps of the boundary {_time(moved)}" if moved else ""
-    boundary = ", with steps of the surface on top" if steps and not moved else boundary
+    steps = settings.get("boundary", default_steps(iterations) if dimension == 2 else 0)
+    per_iteration, per_step, finish = (gradient * count for count in _GRADIENTS[dimension])
+    loop, moving = per_iteration * iterations, per_step * steps
+    boundary = f", {steps} steps of the boundary {_time(moving)}" if moving else ""
+    boundary = ", with steps of the surface on top" if steps and not moving else boundary
     return (
-        f"a gradient takes {each:.2g} s; a design about {_time(loop + moved + rest)}: {iterations} "
-        f"iterations {_time(loop)}{boundary}, verification and pictures {_time(rest)}; more where "
-        "it needs more modes"
+        f"a gradient takes {gradient:.2g} s; a design about {_time(loop + moving + finish)}: "
+        f"{iterations} iterations {_time(loop)}{boundary}, verification and pictures "
+        f"{_time(finish)}; more where it needs more modes"
     )
 
 

@@ -149,7 +149,7 @@ class Reader:
         table: object,
         where: str,
         of: tuple[str, ...] = (),
-        **given: Any,
+        **fixed: Any,
     ) -> Call:
         """The call that a table describes: one of some kinds, with its keys as arguments.
 
@@ -158,36 +158,40 @@ class Reader:
         """
         if not isinstance(table, dict):
             self.refuse(where, f"must be a table, but it is {validation.described(table)}")
-        target, keys = self._chosen(kinds, table, where, given)
+        target, keys = self._chosen(kinds, table, where, fixed)
         parameters = arguments_of(target)
         if "name" in keys and {"young", "poisson", "density"} <= parameters.keys():
             keys = self._solid(keys, where)
         label = target.__qualname__
-        own = {n: p for n, p in parameters.items() if n not in given and p.hint is not MPI.Comm}
-        self.check_keys(where, keys, own, label)
+        keys_allowed = {
+            n: p for n, p in parameters.items() if n not in fixed and p.hint is not MPI.Comm
+        }
+        self.check_keys(where, keys, keys_allowed, label)
         units = stated_units(target)
         if of and target in MOTIONS:
             units = {n: _of_unit(stated, of) for n, stated in units.items()}
         if target is Constraint and "objective" in keys:
             keys = dict(keys)
-            bounded = self.value(own["objective"].hint, keys["objective"], f"{where}.objective")
+            bounded = self.value(
+                keys_allowed["objective"].hint, keys["objective"], f"{where}.objective"
+            )
             unit = getattr(bounded.target, "unit", "")
             units |= dict.fromkeys(("upper", "lower"), (unit or "-",))
-        found = {}
+        arguments = {}
         for name, parameter in parameters.items():
             if parameter.hint is MPI.Comm:
-                found[name] = MPI.COMM_WORLD
-            elif name in given:
-                found[name] = given[name]
+                arguments[name] = MPI.COMM_WORLD
+            elif name in fixed:
+                arguments[name] = fixed[name]
             elif name in keys:
                 at = f"{where}.{name}".lstrip(".")
-                found[name] = self.value(parameter.hint, keys[name], at, units.get(name, ()))
+                arguments[name] = self.value(parameter.hint, keys[name], at, units.get(name, ()))
             elif parameter.required:
                 self.refuse(where, f"{label} needs the key {name!r}")
-        return Call(target, found, f"{self.file}: {where or label}")
+        return Call(target, arguments, f"{self.file}: {where or label}")
 
     def _chosen(
-        self, kinds: Mapping[str, Callable[..., Any]], table: Table, where: str, given: Table
+        self, kinds: Mapping[str, Callable[..., Any]], table: Table, where: str, fixed: Table
     ) -> tuple[Callable[..., Any], Table]:
         """The kind of a table, as it says or as its keys fit, and the other keys."""
         keys = {key: value for key, value in table.items() if key != "kind"}
@@ -200,7 +204,7 @@ class Reader:
         for name, target in kinds.items():
             parameters = arguments_of(target)
             needed = {n for n, p in parameters.items() if p.required and p.hint is not MPI.Comm}
-            if keys.keys() <= parameters.keys() and needed - given.keys() <= keys.keys():
+            if keys.keys() <= parameters.keys() and needed - fixed.keys() <= keys.keys():
                 fitting[name] = target
         if len(kinds) == 1 or len(fitting) == 1:
             return next(iter((fitting or kinds).values())), keys
@@ -252,24 +256,24 @@ class Reader:
         fitting = [t for t in tuples if t[1:] == (...,) or len(t) == len(raw)]
         if fitting:
             # of pairs of texts and of numbers that which begins alike
-            first = raw[0] if raw else 0.0
-            texts = isinstance(first, str) and not _QUANTITY.fullmatch(first.strip())
+            entry = raw[0] if raw else 0.0
+            texts = isinstance(entry, str) and not _QUANTITY.fullmatch(entry.strip())
             chosen = next((t for t in fitting if (t[0] is str) == texts), fitting[0])
             hints = chosen[:1] * len(raw) if chosen[1:] == (...,) else chosen
-            found = tuple(self._entries(hints, raw, where, units))
+            values = tuple(self._entries(hints, raw, where, units))
             if _BODY_POINT in options and chosen == typing.get_args(_BODY_POINT):
-                self._check_body(found[0], where)
-            return found
+                self._check_body(values[0], where)
+            return values
         lists = [o for o in options if typing.get_origin(o) in _LISTS]
         if lists:
             hints = typing.get_args(lists[0]) * len(raw)
             return list(self._entries(hints, raw, where, units))
         if Motion in options:
-            parts = [
+            terms = [
                 self.value(Motion | float, v, f"{where}, entry {k}", units)
                 for k, v in enumerate(raw, 1)
             ]
-            return Call(total, {"motions": parts}, f"{self.file}: {where}")
+            return Call(total, {"motions": terms}, f"{self.file}: {where}")
         if _ARRAY in options:
             return list(self._entries([ArrayLike] * len(raw), raw, where, units))
         if tuples:
@@ -282,11 +286,11 @@ class Reader:
     ) -> Iterator[Any]:
         for k, (hint, entry) in enumerate(zip(hints, raw, strict=True), 1):
             label = entry.get("name") if isinstance(entry, dict) else None
-            said = f"{where}[{k}]" + (f" ({label})" if isinstance(label, str) else "")
-            yield self.value(hint, entry, said, units)
+            place = f"{where}[{k}]" + (f" ({label})" if isinstance(label, str) else "")
+            yield self.value(hint, entry, place, units)
 
     def _of_text(self, options: list[Any], raw: str, where: str, units: tuple[str, ...]) -> Any:
-        tables = [name for name, own in NAMED.items() if set(own) & set(options)]
+        tables = [name for name, types in NAMED.items() if set(types) & set(options)]
         for table in tables:
             if raw in self.named[table]:
                 return self.shared(table, raw, units)
@@ -319,8 +323,8 @@ class Reader:
                 "interfaces",
             )
         points = [f"{body}.MARKER" for body in self.bodies] if _BODY_POINT in options else []
-        known = [*words, *kinds, *points, *(n for table in tables for n in self.named[table])]
-        self.refuse(where, f"{raw!r} is {self.none_of(options)}; {near(raw, known)}")
+        words_known = [*words, *kinds, *points, *(n for table in tables for n in self.named[table])]
+        self.refuse(where, f"{raw!r} is {self.none_of(options)}; {near(raw, words_known)}")
 
     def _check_body(self, body: str, where: str) -> None:
         if body not in self.bodies:
@@ -333,10 +337,10 @@ class Reader:
             self._made[key] = None
             hint = functools.reduce(operator.or_, NAMED[table])
             self._made[key] = self.value(hint, self.named[table][name], where, key[2])
-        known = self._made[key]
-        if known is None:
+        made = self._made[key]
+        if made is None:
             self.refuse(where, "it needs itself")
-        return known
+        return made
 
     def none_of(self, options: list[Any]) -> str:
         """What a value is not, in words."""
@@ -352,8 +356,8 @@ class Reader:
             "list": bool(origins & {tuple, *_LISTS}),
             "table": collections.abc.Mapping in origins or bool(kinds_of(options)),
         }
-        said = " nor ".join(word for word, there in words.items() if there)
-        return f"no {said}" if said else "of no use here, which takes what only a program has"
+        words_ = " nor ".join(word for word, applies in words.items() if applies)
+        return f"no {words_}" if words_ else "of no use here, which takes what only a program has"
 
 
 # ---------------------------------------------------------------------- type hints
@@ -384,21 +388,22 @@ def arguments_of(target: Callable[..., Any]) -> dict[str, Parameter]:
 
 def alternatives(hint: Any) -> list[Any]:
     """What a hint allows, but None, functions and anything else that no file can hold."""
-    parts = typing.get_args(hint) if typing.get_origin(hint) in (Union, UnionType) else (hint,)
-    found = []
-    if set(parts) >= _ARRAYS:
-        parts = tuple(part for part in parts if part not in _ARRAYS)
-        found.append(_ARRAY)
-    for part in parts:
-        if len(parts) > 1 and typing.get_origin(part) in (Union, UnionType):
-            found += alternatives(part)
-        elif typing.get_origin(part) is np.ndarray:
-            found.append(_ARRAY)
+    types = typing.get_args(hint) if typing.get_origin(hint) in (Union, UnionType) else (hint,)
+    options = []
+    if set(types) >= _ARRAYS:
+        types = tuple(type_ for type_ in types if type_ not in _ARRAYS)
+        options.append(_ARRAY)
+    for type_ in types:
+        if len(types) > 1 and typing.get_origin(type_) in (Union, UnionType):
+            options += alternatives(type_)
+        elif typing.get_origin(type_) is np.ndarray:
+            options.append(_ARRAY)
         elif (
-            part not in (NoneType, Any) and typing.get_origin(part) is not collections.abc.Callable
+            type_ not in (NoneType, Any)
+            and typing.get_origin(type_) is not collections.abc.Callable
         ):
-            found.append(part)
-    return list(dict.fromkeys(found))
+            options.append(type_)
+    return list(dict.fromkeys(options))
 
 
 def numeric(options: list[Any]) -> bool:
@@ -409,9 +414,9 @@ def numeric(options: list[Any]) -> bool:
 def near(word: str, known: Iterable[str]) -> str:
     """The known words that are near to another, or all of them."""
     words = list(known)
-    found = get_close_matches(word, words, 3, 0.6)
-    if found:
-        return f"did you mean {' or '.join(map(repr, found))}?"
+    matches = get_close_matches(word, words, 3, 0.6)
+    if matches:
+        return f"did you mean {' or '.join(map(repr, matches))}?"
     return f"there are {', '.join(words)}" if words else "there are none"
 
 
@@ -463,11 +468,11 @@ def _of_unit(stated: tuple[str, ...], of: tuple[str, ...]) -> tuple[str, ...]:
 
 def _kinds(units: tuple[str, ...]) -> set[str]:
     """Base units of some units; other words in brackets do not count."""
-    found = set()
+    bases = set()
     for unit in units:
         with suppress(Exception):
-            found.add(_base(unit)[1])
-    return found
+            bases.add(_base(unit)[1])
+    return bases
 
 
 @cache

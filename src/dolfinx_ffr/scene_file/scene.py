@@ -61,8 +61,8 @@ class Scene:
 
     def optimized(self, maker: Maker, *, output: Path, resume: bool) -> Result:
         """What `optimize` makes of the scene."""
-        given = {"output": str(output), "resume": resume}
-        return maker(replace(self.run, arguments=self.run.arguments | given))
+        arguments = {"output": str(output), "resume": resume}
+        return maker(replace(self.run, arguments=self.run.arguments | arguments))
 
 
 def read_scene(file: Path) -> Scene:
@@ -98,22 +98,22 @@ class _Tables:
         return Reader(self.file, named, bodies)
 
     def _table(self, data: Table, name: str) -> Table:
-        found = data.get(name, {})
-        if not isinstance(found, dict):
+        tables = data.get(name, {})
+        if not isinstance(tables, dict):
             raise SceneError(f"{self.file}: {name}: must be tables by name, as [{name}.example]")
-        return found
+        return tables
 
     def _text(self, name: str, default: str) -> str:
-        found: str = self.reader.value(str, self.data.get(name, default), name)
-        return found
+        text: str = self.reader.value(str, self.data.get(name, default), name)
+        return text
 
     def _bodies(self, tables: Any) -> dict[str, Call]:
         if not isinstance(tables, dict) or not tables:
             self.reader.refuse("bodies", "the scene has none; give a table [bodies.NAME] for each")
-        kinds, found = kinds_of(alternatives(typing.get_args(_hint(Problem, "bodies"))[1])), {}
+        kinds, bodies = kinds_of(alternatives(typing.get_args(_hint(Problem, "bodies"))[1])), {}
         for name, table in tables.items():
-            found[name] = self.reader.call(kinds, table, f"bodies.{name}")
-        return found
+            bodies[name] = self.reader.call(kinds, table, f"bodies.{name}")
+        return bodies
 
     def scene(self) -> Scene:
         """The whole scene."""
@@ -121,7 +121,7 @@ class _Tables:
         folder = validation.path("output", self._text("output", f"results/{self.file.stem}"))
         output = self.file.parent / folder
         overrides = self._table(data, "load_cases")
-        given: Table = {"bodies": self.bodies}
+        arguments: Table = {"bodies": self.bodies}
         if overrides:
             cases = {name: self._case(name, table) for name, table in overrides.items()}
             problems = {
@@ -130,36 +130,36 @@ class _Tables:
             }
             combine = data.get("combine", {"kind": "WeightedSum"})
             hint = arguments_of(Problem.of_load_cases)["combine"].hint
-            given["load_cases"] = problems
-            given["combine"] = self.reader.value(hint, combine, "combine")
+            arguments["load_cases"] = problems
+            arguments["combine"] = self.reader.value(hint, combine, "combine")
         elif "combine" in data:
             self.reader.refuse("combine", "there are no load cases; give [load_cases.NAME]")
         else:
             cases = {"": self._case("", {})}
-            given |= cases[""]
+            arguments |= cases[""]
         target: Any = Problem.of_load_cases if overrides else Problem
-        problem = Call(target, given, f"{self.file}")
+        problem = Call(target, arguments, f"{self.file}")
         return Scene(self.file, title, output, problem, self._run(problem), cases)
 
     def _case(self, name: str, table: object) -> dict[str, Call]:
         """Mechanism, integrator, objective and constraints, with what a load case overrides."""
-        where, known = f"load_cases.{name}", (*_NAMES, *_case_keys())
-        own = self.reader.check_keys(where, table, known, "a load case")
-        data = {key: self.data[key] for key in known if key in self.data}
-        for key, value in own.items():
+        where, keys = f"load_cases.{name}", (*_NAMES, *_case_keys())
+        overrides = self.reader.check_keys(where, table, keys, "a load case")
+        data = {key: self.data[key] for key in keys if key in self.data}
+        for key, value in overrides.items():
             both = key in (*_NAMES, "placements", "damping") and key in data
-            data[key] = {**data[key], **self._table(own, key)} if both else value
-        reader = self._reader(self.data | data, self.bodies) if own else self.reader
-        parts = {n: data[n] for n in arguments_of(Mechanism) if n in data}
-        mechanism = reader.call({"Mechanism": Mechanism}, parts, where if name else "")
-        found = {"mechanism": mechanism}
+            data[key] = {**data[key], **self._table(overrides, key)} if both else value
+        reader = self._reader(self.data | data, self.bodies) if overrides else self.reader
+        of_mechanism = {n: data[n] for n in arguments_of(Mechanism) if n in data}
+        mechanism = reader.call({"Mechanism": Mechanism}, of_mechanism, where if name else "")
+        case = {"mechanism": mechanism}
         for key, parameter in arguments_of(MechanicalProblem).items():
             if key in data:
-                found[key] = reader.value(parameter.hint, data[key], key)
+                case[key] = reader.value(parameter.hint, data[key], key)
             elif parameter.required and key != "mechanism":
                 kinds = ", ".join(kinds_of([parameter.hint]))
                 reader.refuse(key, f"the scene needs [{key}] with kind = one of {kinds}")
-        return found
+        return case
 
     def _run(self, problem: Call) -> Call:
         """The call of `optimize`."""
@@ -184,12 +184,12 @@ class _Tables:
             for name, body in flexible.items()
         }
         settings = self._table(self.data, "optimize")
-        known = [name for name in arguments_of(optimize) if name not in _GIVEN]
-        self.reader.check_keys("optimize", settings, known, "optimize")
+        keys = [name for name in arguments_of(optimize) if name not in _GIVEN]
+        self.reader.check_keys("optimize", settings, keys, "optimize")
         if settings.get("iterations") == 0:
             self.reader.refuse("optimize.iterations", "0 iterations design nothing; give some")
-        given: Table = {"problem": problem, "design": designs, "output": None}
-        return self.reader.call({"optimize": optimize}, settings, "optimize", **given)
+        arguments: Table = {"problem": problem, "design": designs, "output": None}
+        return self.reader.call({"optimize": optimize}, settings, "optimize", **arguments)
 
 
 @cache
