@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -19,10 +20,12 @@ from shared.problems import (
     swing_about_a_point,
     three_load_cases,
 )
+from spatial_slider_crank import spatial_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.lower_bound.certificate import Bernstein
 from dolfinx_ffr.lower_bound.quasi_static import Driven, QuasiStatic, StaticBody
+from dolfinx_ffr.lower_bound.sheet import supporting
 
 COMPLIANCE = ffr.IntegralCompliance()
 
@@ -117,6 +120,47 @@ def test_sheet_and_bound_close_up_as_meshes_are_refined() -> None:
         found = ffr.bound(slider_crank(MPI.COMM_SELF, elements, modes=2))
         gaps.append(found.sheet_psi / found.psi - 1.0)
     assert 0.0 < gaps[2] < 0.6 * gaps[1] < 0.36 * gaps[0]
+
+
+def two_links(comm: MPI.Intracomm) -> ffr.Problem:
+    """The four-bar with a flexible coupler and a flexible rocker, which loads the coupler."""
+    problem = four_bar(comm, COMPLIANCE, 1500)
+    old = problem.flexible["coupler"]
+    coupler = ffr.FlexibleBody(old.domain, old.material, frame=ffr.ChordFrame("left", "right"))
+    return problem.with_bodies({"coupler": coupler})
+
+
+def in_space(comm: MPI.Intracomm) -> ffr.Problem:
+    """The slider-crank in space, its rod on a universal joint."""
+    return spatial_problem(comm, (8, 2, 2), steps=1000)
+
+
+@pytest.mark.parametrize("scene", [two_links, in_space])
+def test_the_affine_bound_touches_psi(scene: Callable[[MPI.Intracomm], ffr.Problem]) -> None:
+    """At its own densities it is psi without vibrations, with the slopes that differences find."""
+    problem = scene(MPI.COMM_SELF)
+    domains = {name: body.domain for name, body in problem.flexible.items()}
+    full = problem.value({name: np.ones(domain.n_cells) for name, domain in domains.items()})
+    bodies = {name: StaticBody.sheet(body) for name, body in problem.flexible.items()}
+    cases = {name: Driven(problem, full, name) for name in problem.load_cases}
+
+    def psi(share: float) -> float:
+        x = {n: y + share * moved[n] for n, y in densities.items()}
+        return sum(QuasiStatic.at(bodies, cases, x).psi.values())
+
+    densities = {n: np.ones(domain.n_cells) for n, domain in domains.items()}
+    moved = {n: np.zeros(domain.n_cells) for n, domain in domains.items()}
+    assert psi(0.0) == pytest.approx(full.psi, rel=0.1)
+    random = np.random.default_rng(3)
+    densities = {n: random.uniform(0.3, 0.9, domain.n_cells) for n, domain in domains.items()}
+    moved = {n: random.normal(size=domain.n_cells) for n, domain in domains.items()}
+    state = QuasiStatic.at(bodies, cases, densities)
+    support = supporting(state, dict.fromkeys(cases, 1.0), {})
+    slopes = {name: np.sum(parts, axis=0) for name, parts in support.slopes.items()}
+    touched = support.constant + sum(slopes[n] @ x for n, x in densities.items())
+    assert touched == pytest.approx(psi(0.0), rel=1e-7)
+    differences = (psi(1e-4) - psi(-1e-4)) / 2e-4
+    assert sum(slopes[n] @ x for n, x in moved.items()) == pytest.approx(differences, rel=1e-5)
 
 
 @pytest.mark.mpi

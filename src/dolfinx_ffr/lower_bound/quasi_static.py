@@ -44,7 +44,8 @@ class UnitResponse:
     Attributes:
         displacements: Of this rank's dofs by each load, shape (dofs, loads).
         work: Of each load in the displacement by each other one, shape (loads, loads).
-        inertia: Int rho x F_k . F_l of the fields of acceleration, shape (fields, fields).
+        inertia: Int rho x F_k . E_l of the fields of acceleration and the motions of the rigid
+            body, shape (fields, motions).
     """
 
     displacements: Block
@@ -94,11 +95,8 @@ class StaticBody:
         stiffness = reduced.integrals.K[: len(on_constraint), : len(on_constraint)]
         motion = np.linalg.solve(stiffness, on_constraint)
         work = of.inner(loads, static) + on_constraint.T @ motion
-        return UnitResponse(
-            static + constraint @ motion,
-            0.5 * (work + work.T),
-            of.inner(self.fields, inertia),
-        )
+        resultants = of.inner(self.fields, inertia) @ self.rigid
+        return UnitResponse(static + constraint @ motion, 0.5 * (work + work.T), resultants)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,17 +130,13 @@ class Driven:
 
     def histories(self, responses: Mapping[str, UnitResponse]) -> dict[str, Array]:
         """Factors of the unit loads of each body over time, (instants, loads)."""
-        resultants = {}
-        for name, of in self.loads.items():
-            inertia = responses[name].inertia
-            rigid = rigid_motions(2 if len(inertia) == 4 else 3)
-            resultants[name] = of.accelerations @ inertia @ rigid
         factors = {}
-        for name, of in self.loads.items():
-            forces = of.forces.copy()
-            for other, reaction in of.reactions.items():
-                forces += np.einsum("tpe,te->tp", reaction, resultants[other])
-            factors[name] = np.hstack([of.accelerations, forces])
+        for name, loads in self.loads.items():
+            forces = loads.forces.copy()
+            for other, reaction in loads.reactions.items():
+                resultants = self.loads[other].accelerations @ responses[other].inertia
+                forces += np.einsum("tpe,te->tp", reaction, resultants)
+            factors[name] = np.hstack([loads.accelerations, forces])
         return factors
 
 
@@ -176,44 +170,42 @@ class QuasiStatic:
         found = {}
         for label, case in self.cases.items():
             found[label] = 0.0
-            for name, s in self.histories[label].items():
-                works = np.sum(s @ self.responses[name].work * s, axis=1)
-                found[label] += case.weights[name] * float(case.time_weights @ works)
+            for name, factors in self.histories[label].items():
+                compliance = np.sum(factors @ self.responses[name].work * factors, axis=1)
+                found[label] += case.weights[name] * float(case.time_weights @ compliance)
         return found
 
     def support(self, weights: Mapping[str, float]) -> tuple[float, dict[str, BodyHistory]]:
-        """The bound that is affine in x of the load cases with ``weights``: constant, fields."""
-        constant, squares, moved, closing = 0.0, {}, {}, {}
-        for name, body in self.bodies.items():
-            loads, fields = len(self.responses[name].work), len(body.rigid)
-            squares[name] = np.zeros((loads, loads))
-            moved[name] = np.zeros((fields, loads))
-            closing[name] = np.zeros((fields, body.rigid.shape[1]))
+        """The bound that is affine in x, of the load cases with ``weights``: constant, fields."""
+        weighted, at_markers, constant = {}, {}, 0.0
         for label, case in self.cases.items():
-            for name, s in self.histories[label].items():
-                of, body = case.loads[name], self.bodies[name]
+            for name, factors in self.histories[label].items():
                 over_time = weights[label] * case.weights[name] * case.time_weights
-                weighted = over_time[:, None] * s
-                squares[name] += s.T @ weighted
-                moved[name] += of.accelerations.T @ weighted
-                at_markers = weighted @ self.responses[name].work[:, len(body.rigid) :]
-                constant += 2.0 * float(np.sum(of.forces * at_markers))
-                for other, reaction in of.reactions.items():
-                    motions = np.einsum("tpe,tp->te", reaction, at_markers)
-                    closing[other] += case.loads[other].accelerations.T @ motions
+                weighted[label, name] = over_time[:, None] * factors
+                markers = self.responses[name].work[:, len(self.bodies[name].rigid) :]
+                at_markers[label, name] = weighted[label, name] @ markers
+                constant += 2.0 * float(np.sum(case.loads[name].forces * at_markers[label, name]))
         found = {}
         for name, body in self.bodies.items():
-            displacements = self.responses[name].displacements
-            rigid = body.fields @ body.rigid
+            response = self.responses[name]
+            squares, by_loads, by_motions = np.zeros(()), np.zeros(()), np.zeros(())
+            for label, case in self.cases.items():
+                accelerations = case.loads[name].accelerations.T
+                squares = squares + self.histories[label][name].T @ weighted[label, name]
+                by_loads = by_loads + accelerations @ weighted[label, name]
+                for other, loads in case.loads.items():  # whose deformation moves this body
+                    motions = np.einsum(
+                        "tpe,tp->te", loads.reactions[name], at_markers[label, other]
+                    )
+                    by_motions = by_motions + accelerations @ motions
             # loads have different units, and their energies have the same
-            unit = np.sqrt(np.maximum(np.diag(self.responses[name].work), 0.0))
-            values, vectors = np.linalg.eigh(unit[:, None] * squares[name] * unit)
+            unit = np.sqrt(np.maximum(np.diag(response.work), 0.0))
+            values, vectors = np.linalg.eigh(unit[:, None] * squares * unit)
             large = values > _RANK * values[-1]
-            scale = np.divide(1.0, unit, out=np.zeros_like(unit), where=unit > 0.0)
-            found[name] = BodyHistory(
-                displacements @ moved[name].T - rigid @ closing[name].T,
-                displacements @ (scale[:, None] * vectors[:, large] * np.sqrt(values[large])),
-            )
+            per_unit = np.divide(1.0, unit, out=np.zeros_like(unit), where=unit > 0.0)
+            roots = per_unit[:, None] * vectors[:, large] * np.sqrt(values[large])
+            moved = response.displacements @ by_loads.T - body.fields @ body.rigid @ by_motions.T
+            found[name] = BodyHistory(moved, response.displacements @ roots)
         return constant, found
 
     def slopes(self, histories: Mapping[str, BodyHistory]) -> dict[str, tuple[Array, Array]]:
