@@ -336,7 +336,7 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(
     for ranks in (comm, MPI.COMM_SELF)[: comm.size]:
         problem = beam(ranks)
         start = surface(problem, share=0.95)
-        with pytest.warns(ffr.PartWarning, match="still changes by .* by which it is told"):
+        with pytest.warns(ffr.PartWarning, match="still changes by .* whose value is reported"):
             found = move_boundary(problem, start, volume=0.9, iterations=2, progress=False)
         results.append(found)
     result = results[0]

@@ -330,9 +330,9 @@ def _warn_of_missed(
         warnings.warn(f"boundary: {name!r}: {each.said}", PartWarning, stacklevel=5)
     if change > kind.still:
         told = (
-            f"psi still changes by {change:.1%} on the finest mesh, by which it is told"
+            f"psi still changes by {change:.1%} on the finest mesh, whose value is reported"
             if math.isfinite(change)
-            else "psi is told by the mesh of the steps, as no finer one could be made"
+            else "psi is that of the mesh of the steps, as no finer one could be made"
         )
         warnings.warn(
             f"boundary: {told}: take smaller cells of the body, or a smaller size",

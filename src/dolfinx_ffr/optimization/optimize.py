@@ -331,7 +331,7 @@ def _of_plates(
     if any(map(is_stress, objectives)):
         raise ValueError(
             f"optimize: a largest stress counts elements by their density, and would not see the "
-            f"web of {named}; leave the stress to the verification of the part, which tells it, "
+            f"web of {named}; leave the stress to the verification of the part, which reports it, "
             "or leave the web out"
         )
     plates = {name: problem.flexible[name].with_interpolation(PLATE) for name in webs}

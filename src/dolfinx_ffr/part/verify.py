@@ -371,9 +371,9 @@ class Verification:
         for row in (self.reported, *self.fitted):
             name = "reported (design)" if row.size is None else f"part, {1e3 * row.size:.3g} mm"
             lines.append(f"{name:24s} {row.psi:12.5e} {row.psi / self.reported.psi:12.4f}")
-        still = "stands still" if self.converged else "still changes"
+        state = "has converged" if self.converged else "still changes"
         change = f"last change {100 * self.change:.2g} % (tolerance {100 * self.tolerance:.2g} %)"
-        lines.append(f"psi {still}: {change}" if len(self.fitted) > 1 else "psi of one mesh only")
+        lines.append(f"psi {state}: {change}" if len(self.fitted) > 1 else "psi of one mesh only")
         last = self.fitted[-1]
         for name, body in last.bodies.items():
             lines += self._told_of_body(name, self.reported.bodies[name], body)
@@ -546,7 +546,7 @@ def verify(
             if not fitted:
                 raise
             warnings.warn(
-                f"verify: psi is told by one mesh less, and may still change: {error}",
+                f"verify: psi is that of one mesh less, and may still change: {error}",
                 PartWarning,
                 stacklevel=2,
             )

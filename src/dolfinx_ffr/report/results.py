@@ -126,7 +126,7 @@ def accuracy(run: Run) -> dict[str, Any]:
     if verification:
         what = "Part on finer meshes" if run.moved else "Part instead of densities"
         error(what, verification["difference"], "the part, simulated anew", sign=True)
-        state = "stands still" if verification.get("converged") else "still changes"
+        state = "converged" if verification.get("converged") else "still changes"
         limit = f"{state} within {percent(verification.get('tolerance'))} %"
         error("Mesh of the part", verification.get("change"), f"{elements} made smaller: {limit}")
     error("Normal modes left out", modes, "estimated by residual modes")
