@@ -179,7 +179,7 @@ def test_instants_that_tell_of_others(comm: MPI.Intracomm, monkeypatch: pytest.M
         evaluation = problem.gradient(np.ones(len(design(problem)[0])))
         response = problem.response(evaluation)
         spans = objective._mean(response).spans
-        few = [len(each.shares) / (each.where.stop - each.where.start) for each in spans]
+        few = [len(each.shares) / (each.instants.stop - each.instants.start) for each in spans]
         assert np.mean(few) < 0.6 if smooth > 0.0 else few == [1.0] * len(few)
         found.append((evaluation.psi, objective.largest(response), evaluation.gradient["rod"]))  # type: ignore[index]
     (*of_few, slopes_of_few), (*of_all, slopes) = found

@@ -183,39 +183,41 @@ class Derivatives(Shown):
         if bar is not None:
             by = f"{what} by the trajectory"
             validation.instance(by, bar, TrajectoryBar, "a TrajectoryBar of the trajectory")
-            known = validation.instance(
+            trajectory = validation.instance(
                 f"{by}: the trajectory", response.simulated, Trajectory, "one"
             )
-            parts = vars(TrajectoryBar.zeros(known))
+            zeros = vars(TrajectoryBar.zeros(trajectory))
             bar = TrajectoryBar(
                 *(
-                    validation.real_array(f"{what} by {key}", getattr(bar, key), part.shape)
-                    for key, part in parts.items()
+                    validation.real_array(f"{what} by {key}", getattr(bar, key), zero.shape)
+                    for key, zero in zeros.items()
                 )
             )
 
-        def present(part: str, given: Mapping[str, Any], names: Collection[str], of: str) -> Any:
-            for name, own in validation.by_name(f"{what} by {part}", given, "derivatives").items():
-                said = f"{what} by the {part} of {name!r}"
+        def present(kind: str, given: Mapping[str, Any], names: Collection[str], of: str) -> Any:
+            for name, value in validation.by_name(
+                f"{what} by {kind}", given, "derivatives"
+            ).items():
+                label = f"{what} by the {kind} of {name!r}"
                 if name not in names:
-                    raise ValueError(f"{said}, but the bodies {of} are {list(names)}")
-                yield name, own, said
+                    raise ValueError(f"{label}, but the bodies {of} are {list(names)}")
+                yield name, value, label
 
-        def arrays(part: str, names: Collection[str], of: str, shape: Callable) -> dict:
-            given = getattr(self, {"density": "densities", "stress": "stresses"}.get(part, part))
-            found = present(part, given, names, of)
-            return {n: validation.real_array(said, own, shape(n)) for n, own, said in found}
+        def arrays(kind: str, names: Collection[str], of: str, shape: Callable) -> dict:
+            given = getattr(self, {"density": "densities", "stress": "stresses"}.get(kind, kind))
+            entries = present(kind, given, names, of)
+            return {n: validation.real_array(label, value, shape(n)) for n, value, label in entries}
 
         bodies, fields, stresses = response.bodies, response.densities, response.stresses
         integrals = {}
-        for name, own, said in present("integrals", self.integrals, bodies, "there"):
-            integrals[name] = validation.instance(said, own, VolumeIntegrals, "VolumeIntegrals")
+        for name, value, label in present("integrals", self.integrals, bodies, "there"):
+            integrals[name] = validation.instance(label, value, VolumeIntegrals, "VolumeIntegrals")
             body = bodies[name]
             for key in ("S", "K", *(("G", "N") if body.P is None else ("P",))):
                 shape = getattr(body, key).shape
-                validation.real_array(f"{said}: {key}", getattr(own, key), shape)
-            if not math.isfinite(body.zeros_like().dot(own)):
-                raise ValueError(f"{said} hold NaN or infinity")
+                validation.real_array(f"{label}: {key}", getattr(value, key), shape)
+            if not math.isfinite(body.zeros_like().dot(value)):
+                raise ValueError(f"{label} hold NaN or infinity")
         # the stress itself is not asked for here: that takes all ranks
         cells = {name: len(field.values) for name, field in fields.items()}
         return Derivatives(
@@ -230,8 +232,8 @@ class Derivatives(Shown):
     def scaled(self, factor: float) -> Derivatives:
         """The derivatives times a ``factor``."""
 
-        def times(part: Mapping[str, Array]) -> dict[str, Array]:
-            return {name: factor * bar for name, bar in part.items()}
+        def times(arrays: Mapping[str, Array]) -> dict[str, Array]:
+            return {name: factor * bar for name, bar in arrays.items()}
 
         return Derivatives(
             None if self.trajectory is None else self.trajectory.scaled(factor),
@@ -267,9 +269,9 @@ class Derivatives(Shown):
 
 def _sum_of_modes(a: Array, b: Array) -> Array:
     """Sum of stress derivatives; either may lack the columns of the static correction."""
-    more, less = (a, b) if a.shape[-1] >= b.shape[-1] else (b, a)
-    total = more.copy()
-    total[..., : less.shape[-1]] += less
+    longer, shorter = (a, b) if a.shape[-1] >= b.shape[-1] else (b, a)
+    total = longer.copy()
+    total[..., : shorter.shape[-1]] += shorter
     return total
 
 
@@ -345,7 +347,7 @@ class Objective(ABC):
 
     def __mul__(self, weight: float) -> Sum:
         weight = validation.number("weight of an objective", weight)
-        return Sum([(weight * own, objective) for own, objective in self._summands()])
+        return Sum([(weight * factor, objective) for factor, objective in self._summands()])
 
     __rmul__ = __mul__
 
@@ -377,8 +379,8 @@ class Sum(Objective):
                     "sum of objectives: each term must be a pair (weight, objective), but one is "
                     f"{validation.described(term)}"
                 )
-            weight, given = term
-            objective = check_objective("sum of objectives: a term", given)
+            weight, summand = term
+            objective = check_objective("sum of objectives: a term", summand)
             self.terms.append((validation.number(f"weight of {objective}", weight), objective))
         if not self.terms:
             raise ValueError("a sum of objectives needs at least one term")
@@ -398,13 +400,13 @@ class Sum(Objective):
         return sum(weight * value_of(term, response) for weight, term in self.terms)
 
     def derivatives(self, response: Response) -> Derivatives:
-        parts = (derivatives_of(term, response).scaled(weight) for weight, term in self.terms)
-        return sum(parts, Derivatives())
+        terms = (derivatives_of(term, response).scaled(weight) for weight, term in self.terms)
+        return sum(terms, Derivatives())
 
     def calibrated(self, response: Response) -> Sum:
         terms = [(weight, term.calibrated(response)) for weight, term in self.terms]
-        same = all(new is old for (_, new), (_, old) in zip(terms, self.terms, strict=True))
-        return self if same else Sum(terms)
+        unchanged = all(new is old for (_, new), (_, old) in zip(terms, self.terms, strict=True))
+        return self if unchanged else Sum(terms)
 
     def _summands(self) -> list[tuple[float, Objective]]:
         return self.terms
@@ -441,8 +443,8 @@ class Constraint:
                 f"constraint {self.label!r} needs either an upper or a lower bound; for both, give "
                 "two constraints"
             )
-        given = self.lower if self.upper is None else self.upper
-        if validation.number(f"constraint {self.label!r}: the bound", given) == 0.0:
+        bound = self.lower if self.upper is None else self.upper
+        if validation.number(f"constraint {self.label!r}: the bound", bound) == 0.0:
             raise ValueError(
                 f"constraint {self.label!r}: the bound must be a number other than zero, which the "
                 "values are compared with"
@@ -477,12 +479,12 @@ class Constraint:
 
     def parts(self, response: Response) -> list[Constraint]:
         """Constraints on `Objective.parts` at a ``response``, which hold where this one does."""
-        found = self.objective.parts(response)
-        if len(found) == 1 or self.upper is None:
+        objectives = self.objective.parts(response)
+        if len(objectives) == 1 or self.upper is None:
             return [self]
         return [
-            replace(self, objective=part, name=f"{self.label}, part {k}")
-            for k, part in enumerate(found, 1)
+            replace(self, objective=objective, name=f"{self.label}, part {k}")
+            for k, objective in enumerate(objectives, 1)
         ]
 
     def scaled(self, psi: float) -> float:
@@ -498,10 +500,10 @@ def value_of(objective: Objective, response: Response, where: str = "") -> float
 
 def derivatives_of(objective: Objective, response: Response, where: str = "") -> Derivatives:
     """The partial derivatives of an objective, or the errors of `Derivatives.checked`."""
-    found, what = objective.derivatives(response), f"{where}the derivatives of "
+    derivatives, what = objective.derivatives(response), f"{where}the derivatives of "
     what += type(objective).__name__
     needed = "ffr.Derivatives(...)"
-    return validation.instance(what, found, Derivatives, needed).checked(what, response)
+    return validation.instance(what, derivatives, Derivatives, needed).checked(what, response)
 
 
 def check_objective(what: str, objective: object) -> Objective:

@@ -61,8 +61,8 @@ class _MarkerObjective(Objective):
 
     def vectors(self, response: Response) -> Array:
         """The vector at a ``response`` in global axes, shape (steps + 1, 2 or 3)."""
-        found: Array = getattr(self._motion(response), self._vector)
-        return found[:, : response.trajectory.model.dimension]
+        vectors: Array = getattr(self._motion(response), self._vector)
+        return vectors[:, : response.trajectory.model.dimension]
 
     def _weights(self, trajectory: Trajectory) -> Array:
         """Weights of the instants, shape (steps + 1,)."""
@@ -119,21 +119,25 @@ def marker_derivatives(
     d = trajectory.model.dimension
 
     def in_space(name: str, bar: Array | None) -> Array:
-        found = np.zeros_like(motion.position)
+        padded = np.zeros_like(motion.position)
         if bar is not None:
             what = f"marker derivatives: those by the {name}"
-            found[:, :d] = validation.real_array(what, bar, (len(trajectory.t), d))
-        return found
+            padded[:, :d] = validation.real_array(what, bar, (len(trajectory.t), d))
+        return padded
 
     by_place, by_velocity = in_space("position", position), in_space("velocity", velocity)
     bars = by_place, by_velocity, in_space("acceleration", acceleration)
     pulled = marker_motion_pullback(IN_SPACE, moved_marker, state, motion, bars)
-    where = trajectory.model.coordinates(body).all
-    columns = slice(None) if d == 3 else columns_in_space(where.stop - where.start)
+    columns_of_body = trajectory.model.coordinates(body).all
+    columns = (
+        slice(None) if d == 3 else columns_in_space(columns_of_body.stop - columns_of_body.start)
+    )
     total = TrajectoryBar.zeros(trajectory)
-    for out, own in ((total.y, pulled.y), (total.v, pulled.v), (total.w, pulled.w)):
-        out[:, where] = own[:, columns]
-    integrals = {name: each.zeros_like() for name, each in response.bodies.items()}
+    for out, by_state in ((total.y, pulled.y), (total.v, pulled.v), (total.w, pulled.w)):
+        out[:, columns_of_body] = by_state[:, columns]
+    integrals = {
+        name: body_integrals.zeros_like() for name, body_integrals in response.bodies.items()
+    }
     markers = integrals[body].markers
     zero = markers[marker]
     markers[marker] = replace(
@@ -155,7 +159,7 @@ def _moved(response: Response, body: str, marker: str) -> tuple[BodyMarker, Stat
             f"body {body!r} has no marker {marker!r}, but {list(bodies[body].markers)}"
         )
     columns = trajectory.model.coordinates(body).all
-    states = (part[:, columns] for part in (trajectory.y, trajectory.v, trajectory.w))
+    states = (array[:, columns] for array in (trajectory.y, trajectory.v, trajectory.w))
     return motion_of_marker(bodies[body].markers[marker], *states)
 
 
@@ -220,9 +224,9 @@ class PathTracking(_MarkerObjective):
         """The path at the time steps, shape (steps + 1, d) [m]."""
         if _is_pair_of_coordinates(self.path):
             if len(self.path) != d:
-                given = len(self.path)
+                count = len(self.path)
                 raise ValueError(
-                    f"path tracking: the path has {given} coordinates, but the marker has {d}"
+                    f"path tracking: the path has {count} coordinates, but the marker has {d}"
                 )
             what = "path tracking: the path along"
             axes = zip("xyz", self.path, strict=False)
@@ -236,9 +240,9 @@ class PathTracking(_MarkerObjective):
             return weights
         importance = _tabulated("path tracking: the weight", self.weight, trajectory.t)
         if np.any(importance < 0.0):
-            first = trajectory.t[np.argmax(importance < 0.0)]
+            instant = trajectory.t[np.argmax(importance < 0.0)]
             raise ValueError(
-                f"path tracking: the weight is negative, first at t = {first:.4g} s, where psi "
+                f"path tracking: the weight is negative, first at t = {instant:.4g} s, where psi "
                 "would fall as the marker leaves its path; give weights that are not negative"
             )
         return weights * importance
@@ -354,8 +358,8 @@ class ResidualVibration(_SquareOverTime):
         return positions - validation.real_array(what, self.place, (positions.shape[1],))
 
     def _velocities(self, response: Response) -> Array:
-        found: Array = self._motion(response).velocity
-        return found[:, : response.trajectory.model.dimension]
+        velocities: Array = self._motion(response).velocity
+        return velocities[:, : response.trajectory.model.dimension]
 
     def evaluate(self, response: Response) -> float:
         weights = self._weights(response.trajectory)

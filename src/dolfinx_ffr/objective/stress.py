@@ -139,12 +139,12 @@ class PeakStress(Objective):
         if mean.largest == 0.0:
             return [self]
         stress = response.stresses[self.body]
-        level, found = np.sqrt(mean.highest / mean.largest), list[Objective]()
+        level, ranges = np.sqrt(mean.highest / mean.largest), list[Objective]()
         for low, high in pairwise((*LEVELS, math.inf)):
             counted = (level >= low) & (level < high)
             if any(stress.gathered(bool(np.any(counted)))):
-                found.append(replace(self, counted=counted).calibrated(response))
-        return found
+                ranges.append(replace(self, counted=counted).calibrated(response))
+        return ranges
 
     def derivatives(self, response: Response) -> Derivatives:
         mean = self._mean(response)
@@ -153,12 +153,12 @@ class PeakStress(Objective):
         modes_bar, z_bar = points.stresses.slopes(mean, self.power)
         modes_bar *= self.scale
         # by s_v^2 of each point, times that
-        through = 0.5 * np.einsum("ipn,ipn->p", modes_bar, points.stresses.modes)
+        by_square = 0.5 * np.einsum("ipn,ipn->p", modes_bar, points.stresses.modes)
         cell, areas = points.chosen // field.weights.shape[1], points.stresses.areas
         x_bar = np.zeros(len(x))
-        x_bar += np.bincount(cell, through, minlength=len(x))
+        x_bar += np.bincount(cell, by_square, minlength=len(x))
         x_bar[x > 0.0] *= 2.0 * self.relaxation / x[x > 0.0]
-        weights_bar = points.scattered(2.0 / self.power * through / areas)
+        weights_bar = points.scattered(2.0 / self.power * by_square / areas)
         weights_bar = (weights_bar - self.scale * mean.value / self.power) / points.area
         modes_bar *= points.share[:, None]
         stress_bar = points.scattered(np.moveaxis(_times(points.root.T, modes_bar), 0, 1))
@@ -181,12 +181,12 @@ class PeakStress(Objective):
             share[~self.counted.ravel()] = 0.0
         chosen = np.flatnonzero(share)
         area = sum(field.gathered(float(np.sum(field.weights))))
-        modes, of = field.modes(self.correction), {"correction": self.correction}
+        modes, options = field.modes(self.correction), {"correction": self.correction}
         root = von_mises_root(field.out_of_plane, modes.shape[2])
         solid = modes.reshape(len(share), *modes.shape[2:])
         weighted = _times(root, np.moveaxis(solid if share.all() else solid[chosen], 1, 0))
         weighted *= share[chosen, None]
-        z = stress_coordinates(response.trajectory, self.body, field.n_constraint, **of)
+        z = stress_coordinates(response.trajectory, self.body, field.n_constraint, **options)
         times, areas = time_weights(response.trajectory), field.weights.ravel()[chosen] / area
         stresses = Stresses(weighted, z, areas, times / np.sum(times))
         return _Points(field.weights.shape, area, chosen, share[chosen], root, stresses)
@@ -195,13 +195,13 @@ class PeakStress(Objective):
         """The mean over all points and instants, the same on every rank; once for a response."""
         if self._key not in response.known:
             points = self._points(response)
-            own = points.stresses.mean(self.power, response.stresses[self.body].gathered)
-            mean = replace(own, highest=points.scattered(own.highest))
+            points_mean = points.stresses.mean(self.power, response.stresses[self.body].gathered)
+            mean = replace(points_mean, highest=points.scattered(points_mean.highest))
             # what is counted stays, so that nothing else takes its place
-            kept = points if points.stresses.modes.size <= _KEPT else None
-            response.known[self._key] = mean, kept, self.counted
-        found: Mean = response.known[self._key][0]
-        return found
+            cached_points = points if points.stresses.modes.size <= _KEPT else None
+            response.known[self._key] = mean, cached_points, self.counted
+        cached: Mean = response.known[self._key][0]
+        return cached
 
     @property
     def _key(self) -> tuple[PeakStress, int]:
@@ -223,10 +223,10 @@ class _Points:
     def scattered(self, values: Array) -> Array:
         """Values (points, ...) among zeros for all points, (cells, points of each, ...)."""
         total = math.prod(self.shape)
-        found = values if len(values) == total else np.zeros((total, *values.shape[1:]))
+        all_values = values if len(values) == total else np.zeros((total, *values.shape[1:]))
         if len(values) < total:
-            found[self.chosen] = values
-        return found.reshape(*self.shape, *values.shape[1:])
+            all_values[self.chosen] = values
+        return all_values.reshape(*self.shape, *values.shape[1:])
 
 
 def is_stress(objective: Objective) -> bool:

@@ -40,18 +40,18 @@ def stress_coordinates(
         return q
     if trajectory.model.dimension == 3:
         return _in_space(trajectory, name, n_constraint)
-    where, k = trajectory.model.coordinates(name), n_constraint
+    columns, k = trajectory.model.coordinates(name), n_constraint
     velocity, acceleration = trajectory.v, trajectory.w
-    omega = velocity[:, where.rotation, None]
-    alpha = acceleration[:, where.rotation, None]
+    omega = velocity[:, columns.rotation, None]
+    alpha = acceleration[:, columns.rotation, None]
     return np.column_stack(
         [
             q,
             *_forces(trajectory, name),
             -(omega**2),
             alpha,
-            acceleration[:, where.elastic][:, :k] - omega**2 * q[:, :k],
-            alpha * q + 2.0 * omega * velocity[:, where.elastic],
+            acceleration[:, columns.elastic][:, :k] - omega**2 * q[:, :k],
+            alpha * q + 2.0 * omega * velocity[:, columns.elastic],
         ]
     )
 
@@ -61,35 +61,35 @@ def stress_coordinates_pullback(
 ) -> TrajectoryBar:
     """The transpose of the derivative of `stress_coordinates` for a ``bar`` of the shape of z."""
     q, k = trajectory.elastic(name), n_constraint
-    where, r = trajectory.model.coordinates(name), q.shape[1]
+    columns, r = trajectory.model.coordinates(name), q.shape[1]
     out = TrajectoryBar.zeros(trajectory)
-    out.y[:, where.elastic] = bar[:, :r]
+    out.y[:, columns.elastic] = bar[:, :r]
     if bar.shape[1] == r:
         return out
     if trajectory.model.dimension == 3:
         _add_in_space(out, trajectory, name, k, bar)
         return out
     along, across = _forces(trajectory, name)
-    angle = trajectory.y[:, where.rotation]
+    angle = trajectory.y[:, columns.rotation]
     c, s = np.cos(angle), np.sin(angle)
-    omega = trajectory.v[:, where.rotation, None]
-    alpha = trajectory.w[:, where.rotation, None]
-    rate = trajectory.v[:, where.elastic]
+    omega = trajectory.v[:, columns.rotation, None]
+    alpha = trajectory.w[:, columns.rotation, None]
+    rate = trajectory.v[:, columns.elastic]
     along_bar, across_bar, square, turn = bar[:, r : r + 4].T
     carried, turned = bar[:, r + 4 : r + 4 + k], bar[:, r + 4 + k :]
-    out.y[:, where.rotation] = along_bar * across - across_bar * along
-    out.w[:, where.position] = np.column_stack(
+    out.y[:, columns.rotation] = along_bar * across - across_bar * along
+    out.w[:, columns.position] = np.column_stack(
         [c * along_bar - s * across_bar, s * along_bar + c * across_bar]
     )
-    out.w[:, where.rotation] = turn + np.sum(turned * q, axis=1)
+    out.w[:, columns.rotation] = turn + np.sum(turned * q, axis=1)
     elastic = bar[:, :r] + alpha * turned
     elastic[:, :k] -= omega**2 * carried
-    out.y[:, where.elastic] = elastic
+    out.y[:, columns.elastic] = elastic
     accelerations = np.zeros_like(q)
     accelerations[:, :k] = carried
-    out.w[:, where.elastic] = accelerations
-    out.v[:, where.elastic] = 2.0 * omega * turned
-    out.v[:, where.rotation] = -2.0 * omega[:, 0] * (
+    out.w[:, columns.elastic] = accelerations
+    out.v[:, columns.elastic] = 2.0 * omega * turned
+    out.v[:, columns.rotation] = -2.0 * omega[:, 0] * (
         square + np.sum(carried * q[:, :k], axis=1)
     ) + 2.0 * np.sum(turned * rate, axis=1)
     return out
@@ -97,19 +97,19 @@ def stress_coordinates_pullback(
 
 def _forces(trajectory: Trajectory, name: str) -> tuple[Array, Array]:
     """A^T (a_R - g) along both axes of the body's frame, shape (steps + 1,) each [m/s^2]."""
-    where = trajectory.model.coordinates(name)
-    angle = trajectory.y[:, where.rotation]
+    columns = trajectory.model.coordinates(name)
+    angle = trajectory.y[:, columns.rotation]
     gravity = trajectory.model.arrays.gravity[: len(angle)]
-    x, y = (trajectory.w[:, where.position] - gravity).T
+    x, y = (trajectory.w[:, columns.position] - gravity).T
     c, s = np.cos(angle), np.sin(angle)
     return c * x + s * y, c * y - s * x
 
 
 def _in_space(trajectory: Trajectory, name: str, k: int) -> Array:
     """The coordinates z of a body in space, with static correction."""
-    where, steps = trajectory.model.coordinates_in_space(name), len(trajectory.t)
-    q, rate = trajectory.elastic(name), trajectory.v[:, where.elastic]
-    omega, alpha = trajectory.v[:, where.rotation], trajectory.w[:, where.rotation]
+    columns, steps = trajectory.model.coordinates_in_space(name), len(trajectory.t)
+    q, rate = trajectory.elastic(name), trajectory.v[:, columns.elastic]
+    omega, alpha = trajectory.v[:, columns.rotation], trajectory.w[:, columns.rotation]
     B = np.cross(alpha[:, None], np.eye(3)).transpose(0, 2, 1)
     B += omega[:, :, None] * omega[:, None] - np.sum(omega**2, 1)[:, None, None] * np.eye(3)
     turned = alpha[:, :, None] * q[:, None] + 2.0 * omega[:, :, None] * rate[:, None]
@@ -118,7 +118,7 @@ def _in_space(trajectory: Trajectory, name: str, k: int) -> Array:
             q,
             _force_in_space(trajectory, name),
             B.reshape(steps, 9),
-            trajectory.w[:, where.elastic][:, :k],
+            trajectory.w[:, columns.elastic][:, :k],
             turned.reshape(steps, -1),
         ]
     )
@@ -128,30 +128,30 @@ def _add_in_space(
     out: TrajectoryBar, trajectory: Trajectory, name: str, k: int, bar: Array
 ) -> None:
     """Add the transpose of the derivative of `_in_space`, but for its first columns, to ``out``."""
-    where, steps = trajectory.model.coordinates_in_space(name), len(trajectory.t)
-    q, rate = trajectory.elastic(name), trajectory.v[:, where.elastic]
+    columns, steps = trajectory.model.coordinates_in_space(name), len(trajectory.t)
+    q, rate = trajectory.elastic(name), trajectory.v[:, columns.elastic]
     r = q.shape[1]
-    omega, alpha = trajectory.v[:, where.rotation], trajectory.w[:, where.rotation]
+    omega, alpha = trajectory.v[:, columns.rotation], trajectory.w[:, columns.rotation]
     force_bar, carried = bar[:, r : r + 3], bar[:, r + 12 : r + 12 + k]
     B_bar = bar[:, r + 3 : r + 12].reshape(steps, 3, 3)
     turned_bar = bar[:, r + 12 + k :].reshape(steps, 3, r)
     # dA = A [dth] turns what is seen in the body's axes by -dth
-    out.y[:, where.rotation] += np.cross(force_bar, _force_in_space(trajectory, name))
-    out.y[:, where.elastic] += np.einsum("tkj,tk->tj", turned_bar, alpha)
-    out.v[:, where.rotation] += np.einsum("tkl,tl->tk", B_bar + B_bar.transpose(0, 2, 1), omega)
-    out.v[:, where.rotation] -= 2.0 * np.trace(B_bar, axis1=1, axis2=2)[:, None] * omega
-    out.v[:, where.rotation] += 2.0 * np.einsum("tkj,tj->tk", turned_bar, rate)
-    out.v[:, where.elastic] += 2.0 * np.einsum("tkj,tk->tj", turned_bar, omega)
-    out.w[:, where.position] += np.einsum("tij,tj->ti", trajectory.rotation(name), force_bar)
-    out.w[:, where.rotation] += np.einsum("tkj,tj->tk", turned_bar, q)
+    out.y[:, columns.rotation] += np.cross(force_bar, _force_in_space(trajectory, name))
+    out.y[:, columns.elastic] += np.einsum("tkj,tk->tj", turned_bar, alpha)
+    out.v[:, columns.rotation] += np.einsum("tkl,tl->tk", B_bar + B_bar.transpose(0, 2, 1), omega)
+    out.v[:, columns.rotation] -= 2.0 * np.trace(B_bar, axis1=1, axis2=2)[:, None] * omega
+    out.v[:, columns.rotation] += 2.0 * np.einsum("tkj,tj->tk", turned_bar, rate)
+    out.v[:, columns.elastic] += 2.0 * np.einsum("tkj,tk->tj", turned_bar, omega)
+    out.w[:, columns.position] += np.einsum("tij,tj->ti", trajectory.rotation(name), force_bar)
+    out.w[:, columns.rotation] += np.einsum("tkj,tj->tk", turned_bar, q)
     for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
-        out.w[:, where.rotation.start + axis] += B_bar[:, i, j] - B_bar[:, j, i]
-    out.w[:, where.elastic.start : where.elastic.start + k] += carried
+        out.w[:, columns.rotation.start + axis] += B_bar[:, i, j] - B_bar[:, j, i]
+    out.w[:, columns.elastic.start : columns.elastic.start + k] += carried
 
 
 def _force_in_space(trajectory: Trajectory, name: str) -> Array:
     """A^T (a_R - g) in the axes of the body's frame, shape (steps + 1, 3) [m/s^2]."""
-    where = trajectory.model.coordinates_in_space(name)
+    columns = trajectory.model.coordinates_in_space(name)
     gravity = trajectory.model.arrays.gravity[: len(trajectory.t)]
-    own = trajectory.w[:, where.position] - gravity
-    return np.asarray(np.einsum("tij,ti->tj", trajectory.rotation(name), own))
+    acceleration = trajectory.w[:, columns.position] - gravity
+    return np.asarray(np.einsum("tij,ti->tj", trajectory.rotation(name), acceleration))

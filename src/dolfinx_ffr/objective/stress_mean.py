@@ -34,22 +34,23 @@ POINTS, INSTANTS = 384, 128
 ROUND_OFF = 1e-15
 #: Largest error of s^p and s^(p-1) at instants that are left out, of their largest values
 SMOOTH = 1e-10
-#: Shares of instants that may tell of all, of how many points that is tried, and every so manieth
-#: instant tells which ones
-_SHARES, _TRIED, _LOOKED = (0.125, 0.1875, 0.25, 0.375), 16, 32
-#: Powers that smooth coordinates have, as a share of those by which powers of stresses are told
+#: Shares of the instants of a span that are tried as nodes
+_SHARES = (0.125, 0.1875, 0.25, 0.375)
+#: Number of points on which they are tried, those of the highest stress at every 32nd instant
+_TRIED, _SAMPLED = 16, 32
+#: Degree of smooth coordinates, relative to that of powers of the stress
 _DEGREE = 2 / 3
-#: Share of the largest square from which on that of a point is sought at all instants
-_SOUGHT = 0.5
+#: Share of the largest square above which that of a point is computed at all instants
+_CANDIDATE = 0.5
 
 
 class Span(NamedTuple):
-    """Instants that follow each other."""
+    """Instants that follow each other, and nodes among them that stand for all."""
 
-    where: slice  #: In those that count
-    shares: Array  #: In the time, of the instants that tell of all of them
-    spread: Array | None  #: From values at those to values at all; None if they are all
-    smooth: Array | None  #: From coordinates at all to smooth ones at those that tell
+    instants: slice  #: Among those that count
+    shares: Array  #: (nodes,) share of each node in the time
+    interpolation: Array | None  #: (instants, nodes); None if all instants are nodes
+    smoothing: Array | None  #: (nodes, instants), from coordinates to smooth ones at the nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,39 +77,42 @@ class Stresses:
         half, counts, work = 0.5 * power, self.times > 0.0, _Work(len(self.modes))
         history, basis = self._compressed()
         spans = self._spans(half, history, basis, work)
-        told, shares = _told(spans, history)
-        tiles, start = _tiles(told), self.coordinates[~counts]
+        coordinates, shares = _thinned(spans, history)
+        tiles, start = _tiles(coordinates), self.coordinates[~counts]
         highest = np.zeros(len(self.areas))
         # the largest value so far is divided out, so that no power overflows
         largest = reference = total = 0.0
-        for part in self._parts():
-            modes = self.modes[:, part]
-            rest = np.sum((start @ modes.swapaxes(1, 2)) ** 2, axis=0)
-            largest = max(largest, float(np.max(rest, initial=0.0)))
-            short = modes @ basis.T
+        for points in self._parts():
+            modes = self.modes[:, points]
+            at_start = np.sum((start @ modes.swapaxes(1, 2)) ** 2, axis=0)
+            largest = max(largest, float(np.max(at_start, initial=0.0)))
+            compressed_modes = modes @ basis.T
             for tile in tiles:
-                work.stress(told[tile], short)
+                work.stress(coordinates[tile], compressed_modes)
                 squared = work.squares()
-                highest[part] = np.maximum(highest[part], np.max(squared, axis=0))
-                now = float(np.max(highest[part]))
-                if now > reference:
-                    total *= (reference / now) ** half
-                    reference = now
+                highest[points] = np.maximum(highest[points], np.max(squared, axis=0))
+                highest_so_far = float(np.max(highest[points]))
+                if highest_so_far > reference:
+                    total *= (reference / highest_so_far) ** half
+                    reference = highest_so_far
                 if reference > 0.0:
                     squared /= reference
-                    total += float(shares[tile] @ power_of(squared, half) @ self.areas[part])
-        left_out = any(span.smooth is not None for span in spans)
-        sought = np.flatnonzero(left_out & (highest > _SOUGHT * reference))
-        for some in (sought[i : i + POINTS] for i in range(0, len(sought), POINTS)):
-            short, highest[some] = self.modes[:, some] @ basis.T, 0.0
+                    total += float(shares[tile] @ power_of(squared, half) @ self.areas[points])
+        thinned = any(span.smoothing is not None for span in spans)
+        candidates = np.flatnonzero(thinned & (highest > _CANDIDATE * reference))
+        for batch in (candidates[i : i + POINTS] for i in range(0, len(candidates), POINTS)):
+            compressed_modes, highest[batch] = self.modes[:, batch] @ basis.T, 0.0
             for tile in _tiles(history):
-                work.stress(history[tile], short)
-                highest[some] = np.maximum(highest[some], np.max(work.squares(), axis=0))
+                work.stress(history[tile], compressed_modes)
+                highest[batch] = np.maximum(highest[batch], np.max(work.squares(), axis=0))
         ranks = gathered((max(largest, float(np.max(highest, initial=0.0))), reference, total))
         largest, reference = (max(rank[i] for rank in ranks) for i in (0, 1))
         if reference == 0.0:
             return Mean(0.0, largest, highest, spans)
-        total = sum(part * (own / reference) ** half for _, own, part in ranks)
+        total = sum(
+            rank_total * (rank_reference / reference) ** half
+            for _, rank_reference, rank_total in ranks
+        )
         value = math.sqrt(reference) * total ** (1.0 / power)
         return Mean(value, largest, highest, spans)
 
@@ -119,26 +123,29 @@ class Stresses:
             return modes_bar, z_bar
         counts, exponent, work = self.times > 0.0, 0.5 * power - 1.0, _Work(len(self.modes))
         history, basis = self._compressed()
-        told, shares = _told(mean.spans, history)
+        coordinates, shares = _thinned(mean.spans, history)
         # with its root in both factors a product has the area in its power
         scale = self.areas ** (1.0 / power) / mean.value
-        by_time = np.zeros((len(told), z_bar.shape[1]))
-        for part in self._parts():
-            modes = self.modes[:, part] * scale[part, None]
-            short = modes @ basis.T
-            bar = np.zeros_like(short)
-            for tile in _tiles(told):
-                stress = work.stress(told[tile], short)
+        by_time = np.zeros((len(coordinates), z_bar.shape[1]))
+        for points in self._parts():
+            modes = self.modes[:, points] * scale[points, None]
+            compressed_modes = modes @ basis.T
+            bar = np.zeros_like(compressed_modes)
+            for tile in _tiles(coordinates):
+                stress = work.stress(coordinates[tile], compressed_modes)
                 stress *= power_of(work.squares(), exponent)
-                bar += stress.swapaxes(1, 2) @ (shares[tile, None] * told[tile])
-                for each, of_each in zip(stress, modes, strict=True):
-                    by_time[tile] += each @ of_each
-            modes_bar[:, part] = bar @ basis
+                bar += stress.swapaxes(1, 2) @ (shares[tile, None] * coordinates[tile])
+                for component, component_modes in zip(stress, modes, strict=True):
+                    by_time[tile] += component @ component_modes
+            modes_bar[:, points] = bar @ basis
         modes_bar *= mean.value * scale[:, None]
-        own = np.split(by_time, np.cumsum([len(span.shares) for span in mean.spans])[:-1])
-        spreads = (span.spread for span in mean.spans)
-        every = [b if to is None else to @ b for b, to in zip(own, spreads, strict=True)]
-        z_bar[counts] = mean.value * self.times[counts, None] * np.vstack(every)
+        by_span = np.split(by_time, np.cumsum([len(span.shares) for span in mean.spans])[:-1])
+        interpolations = (span.interpolation for span in mean.spans)
+        by_instant = [
+            b if interpolation is None else interpolation @ b
+            for b, interpolation in zip(by_span, interpolations, strict=True)
+        ]
+        z_bar[counts] = mean.value * self.times[counts, None] * np.vstack(by_instant)
         return modes_bar, z_bar
 
     def _compressed(self) -> tuple[Array, Array]:
@@ -147,50 +154,52 @@ class Stresses:
         size[size == 0.0] = 1.0
         z = self.coordinates[self.times > 0.0] * size
         u, values, basis = np.linalg.svd(z, full_matrices=False)
-        kept = values > ROUND_OFF * np.max(values, initial=0.0)
-        return u[:, kept] * values[kept], basis[kept] / size
+        significant = values > ROUND_OFF * np.max(values, initial=0.0)
+        return u[:, significant] * values[significant], basis[significant] / size
 
     def _spans(self, half: float, history: Array, basis: Array, work: _Work) -> list[Span]:
-        """All instants, and which of them tell of all."""
-        every, found = history[::_LOOKED].copy(), list[Span]()
-        seen = np.zeros((math.ceil(len(history) / INSTANTS), len(self.areas)))
-        each = INSTANTS // _LOOKED
-        for part in self._parts():
-            short = self.modes[:, part] @ basis.T
-            for tile in _tiles(every):  # each has the instants of whole spans
-                work.stress(every[tile], short)
-                begins = np.arange(0, len(every[tile]), each)
-                spans = slice(tile.start // each, tile.start // each + len(begins))
-                seen[spans, part] = np.maximum.reduceat(work.squares(), begins, axis=0)
-        top, tried = float(np.max(seen, initial=0.0)), min(_TRIED, POINTS, len(self.areas))
-        for first in range(0, len(history), INSTANTS):
-            where = slice(first, min(first + INSTANTS, len(history)))
-            own, times = history[where], self.times[self.times > 0.0][where]
-            span = Span(where, times, None, None)
+        """Spans of all instants, with the fewest nodes that stand for them within `SMOOTH`."""
+        sampled, all_spans = history[::_SAMPLED].copy(), list[Span]()
+        largest_squares = np.zeros((math.ceil(len(history) / INSTANTS), len(self.areas)))
+        per_span = INSTANTS // _SAMPLED
+        for points in self._parts():
+            compressed_modes = self.modes[:, points] @ basis.T
+            for tile in _tiles(sampled):  # each has the instants of whole spans
+                work.stress(sampled[tile], compressed_modes)
+                begins = np.arange(0, len(sampled[tile]), per_span)
+                spans = slice(tile.start // per_span, tile.start // per_span + len(begins))
+                largest_squares[spans, points] = np.maximum.reduceat(work.squares(), begins, axis=0)
+        top = float(np.max(largest_squares, initial=0.0))
+        count = min(_TRIED, POINTS, len(self.areas))
+        for begin in range(0, len(history), INSTANTS):
+            instants = slice(begin, min(begin + INSTANTS, len(history)))
+            span_history, times = history[instants], self.times[self.times > 0.0][instants]
+            span = Span(instants, times, None, None)
             if top > 0.0 and half == int(half):
-                points = np.argpartition(seen[len(found)], -tried)[-tried:]
-                modes = self.modes[:, points] @ (basis.T / math.sqrt(top))
-                work.stress(own, modes)
+                highest = np.argpartition(largest_squares[len(all_spans)], -count)[-count:]
+                modes = self.modes[:, highest] @ (basis.T / math.sqrt(top))
+                work.stress(span_history, modes)
                 exact = work.squares().copy()
-                for told, powers, spread in _spreads(len(times)):
+                for nodes, powers, interpolation in _choices_of_nodes(len(times)):
                     from_all, to_all = _closest(powers, times)
-                    smooth = to_all @ (from_all @ own)
-                    work.stress(own - smooth, modes)
-                    rest = work.squares().copy()
+                    smooth = to_all @ (from_all @ span_history)
+                    work.stress(span_history - smooth, modes)
+                    remainder = work.squares().copy()
                     work.stress(smooth, modes)
                     squared = work.squares()
                     # in the mean, and in the derivative
-                    below = power_of(squared.copy(), half - 1.0)
-                    values = np.hstack([below * squared, below * math.sqrt(np.max(squared))])
-                    error = spread @ values[told] - values
+                    slope = power_of(squared.copy(), half - 1.0)
+                    values = np.hstack([slope * squared, slope * math.sqrt(np.max(squared))])
+                    error = interpolation @ values[nodes] - values
                     # beyond what the rest adds by the slopes
-                    more = below * (squared + half * (exact - squared - rest))
-                    more -= power_of(exact.copy(), half)
-                    if max(np.max(np.abs(each)) for each in (error, more)) <= SMOOTH:
-                        span = Span(where, times @ spread, spread, to_all[told] @ from_all)
+                    error_of_mean = slope * (squared + half * (exact - squared - remainder))
+                    error_of_mean -= power_of(exact.copy(), half)
+                    if max(np.max(np.abs(error)), np.max(np.abs(error_of_mean))) <= SMOOTH:
+                        smoothing = to_all[nodes] @ from_all
+                        span = Span(instants, times @ interpolation, interpolation, smoothing)
                         break
-            found.append(span)
-        return found
+            all_spans.append(span)
+        return all_spans
 
     def _parts(self) -> list[slice]:
         """Points that are gone through at a time."""
@@ -214,21 +223,21 @@ class _Work:
     def squares(self) -> Array:
         """The squares (instants, points) of the last one."""
         total: Array = np.square(self._stress[0], out=self._squared)
-        for each in self._stress[1:]:
-            total += np.square(each, out=self._more)
+        for component in self._stress[1:]:
+            total += np.square(component, out=self._more)
         return total
 
 
 @cache
-def _spreads(instants: int) -> list[tuple[Integers, Array, Array]]:
-    """Some of so many instants, dense at the ends; polynomials, and those through them, at all."""
-    every, found = np.linspace(-1.0, 1.0, instants), []
+def _choices_of_nodes(instants: int) -> list[tuple[Integers, Array, Array]]:
+    """Choices of nodes, dense at the ends: nodes, polynomials and interpolation at all instants."""
+    positions, choices = np.linspace(-1.0, 1.0, instants), []
     for count in (int(share * instants) for share in _SHARES if share * instants >= 2.0):
-        nodes = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
-        told = np.unique(np.round(nodes * (instants - 1)).astype(int))
-        powers = chebvander(every, len(told) - 1)
-        found.append((told, powers, np.linalg.solve(powers[told].T, powers.T).T))
-    return found
+        chebyshev = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+        nodes = np.unique(np.round(chebyshev * (instants - 1)).astype(int))
+        powers = chebvander(positions, len(nodes) - 1)
+        choices.append((nodes, powers, np.linalg.solve(powers[nodes].T, powers.T).T))
+    return choices
 
 
 def _closest(powers: Array, times: Array) -> tuple[Array, Array]:
@@ -238,28 +247,35 @@ def _closest(powers: Array, times: Array) -> tuple[Array, Array]:
     return (root * basis).T, basis / root
 
 
-def _told(spans: list[Span], history: Array) -> tuple[Array, Array]:
-    """Coordinates at the instants that tell of all that count, and their shares in the time."""
-    own = [history[where] if to is None else to @ history[where] for where, *_, to in spans]
+def _thinned(spans: list[Span], history: Array) -> tuple[Array, Array]:
+    """Coordinates at the nodes of all spans, and their shares in the time."""
+    coordinates = [
+        history[where] if smoothing is None else smoothing @ history[where]
+        for where, *_, smoothing in spans
+    ]
     shares = [np.zeros(0), *(span.shares for span in spans)]
-    return np.concatenate([history[:0], *own]), np.concatenate(shares)
+    return np.concatenate([history[:0], *coordinates]), np.concatenate(shares)
 
 
-def _tiles(told: Array) -> list[slice]:
+def _tiles(history: Array) -> list[slice]:
     """Instants that are gone through at a time."""
-    return [slice(i, i + INSTANTS) for i in range(0, len(told), INSTANTS)]
+    return [slice(i, i + INSTANTS) for i in range(0, len(history), INSTANTS)]
 
 
 def power_of(values: Array, exponent: float) -> Array:
     """Values to a power, by products where it is a whole number; the values are overwritten."""
     if exponent != int(exponent):
         return np.asarray(values**exponent)
-    left, rest = int(exponent), None
-    while left > 1:
-        if left % 2:
-            rest = values.copy() if rest is None else np.multiply(rest, values, out=rest)
+    remaining, odd_factor = int(exponent), None
+    while remaining > 1:
+        if remaining % 2:
+            odd_factor = (
+                values.copy()
+                if odd_factor is None
+                else np.multiply(odd_factor, values, out=odd_factor)
+            )
         values *= values
-        left //= 2
-    if left == 0:
+        remaining //= 2
+    if remaining == 0:
         return np.ones_like(values)
-    return values if rest is None else np.multiply(rest, values, out=rest)
+    return values if odd_factor is None else np.multiply(odd_factor, values, out=odd_factor)
