@@ -52,7 +52,7 @@ class Fault:
     """A change of one expression of a file."""
 
     kind: str  #: "sign", "factor", "off by one", "index" or "term left out"
-    file: str  #: Relative to the top of the tree
+    file: Path
     line: int  #: Of the expression
     before: str  #: Its text
     after: str  #: Its text with the fault
@@ -77,9 +77,7 @@ def faults_of(path: Path) -> Iterator[Fault]:
 
     for node in expressions(ast.parse(content)):
         for kind, after in replacements(node, text):
-            yield Fault(
-                kind, str(path.relative_to(TOP)), node.lineno, text(node), after, span(node)
-            )
+            yield Fault(kind, path, node.lineno, text(node), after, span(node))
 
 
 def expressions(tree: ast.Module) -> Iterator[ast.expr]:
@@ -137,10 +135,10 @@ def _is_text(node: ast.BinOp) -> bool:
     )
 
 
-def chosen(room: str, count: int) -> list[Fault]:
-    """The faults of a room: alike many of each kind, from as many places as can be."""
+def chosen(room: str, count: int, tree: Path) -> list[Fault]:
+    """The faults of a room in a tree: alike many of each kind."""
     possible: dict[str, list[Fault]] = {}
-    for path in sorted((TOP / SOURCE / room).rglob("*.py")):
+    for path in sorted((tree / SOURCE / room).rglob("*.py")):
         for fault in faults_of(path):
             possible.setdefault(fault.kind, []).append(fault)
     draw = random.Random(room)
@@ -150,7 +148,9 @@ def chosen(room: str, count: int) -> list[Fault]:
 
 
 def copy_of_tree(folder: Path) -> None:
-    """Copy all files that git knows into a folder, where the copy of an earlier call may stand."""
+    """Copy all files that git knows into a folder, in the place of an earlier copy."""
+    for part in ("src", "tests"):
+        shutil.rmtree(folder / part, ignore_errors=True)
     listed = subprocess.run(
         ["git", "ls-files"], cwd=TOP, capture_output=True, text=True, check=True
     )
@@ -163,10 +163,9 @@ def copy_of_tree(folder: Path) -> None:
 
 def outcome(fault: Fault, tests: list[str], folder: Path) -> str:
     """Which test finds a fault, or that none does."""
-    path = folder / fault.file
-    content = path.read_bytes()
+    content, times = fault.file.read_bytes(), fault.file.stat()
     first, last = fault.span
-    path.write_bytes(content[:first] + fault.after.encode() + content[last:])
+    fault.file.write_bytes(content[:first] + fault.after.encode() + content[last:])
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
     environment = os.environ | {"PYTHONPATH": str(folder / "src")}
     try:
@@ -181,7 +180,8 @@ def outcome(fault: Fault, tests: list[str], folder: Path) -> str:
     except subprocess.TimeoutExpired:
         return f"found: not done in {LONGEST} s"
     finally:
-        path.write_bytes(content)
+        fault.file.write_bytes(content)
+        os.utime(fault.file, ns=(times.st_atime_ns, times.st_mtime_ns))  # for compiled code
     if done.returncode == 0:
         return "NOT FOUND"
     failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
@@ -196,19 +196,21 @@ def main() -> None:
     parser.add_argument("--fast", action="store_true", help="leave out the tests marked slow")
     parser.add_argument("--folder", type=Path, default=TOP / "build" / "faults", help="of the copy")
     given = parser.parse_args()
+    tree = TOP if given.list else given.folder.resolve()
     if not given.list:
-        copy_of_tree(given.folder)
+        copy_of_tree(tree)
     found = number = 0
     for word in given.rooms:
         room, _, few = word.partition(":")
         count, tests = ROOMS[room]
         selected = [*tests, "-m", "not slow"] if given.fast else tests
-        for fault in chosen(room, count)[: int(few or count)]:
-            print(f"{fault.file}:{fault.line} {fault.kind}: {fault.before!r} -> {fault.after!r}")
+        for fault in chosen(room, count, tree)[: int(few or count)]:
+            place = f"{fault.file.relative_to(tree)}:{fault.line}"
+            print(f"{place} {fault.kind}: {fault.before!r} -> {fault.after!r}")
             if given.list:
                 continue
             began = time.monotonic()
-            said = outcome(fault, selected, given.folder)
+            said = outcome(fault, selected, tree)
             number += 1
             found += said.startswith("found")
             print(f"    {said} ({time.monotonic() - began:.0f} s)", flush=True)
