@@ -115,13 +115,13 @@ class VolumeIntegrals(Shown):
     P: Array | None = None
 
     def __post_init__(self) -> None:
-        made: dict[str, Any] = {"mass": float(self.mass), "markers": dict(self.markers)}
-        made["stiffening"] = {load: as_array(array) for load, array in self.stiffening.items()}
-        made |= {name: as_array(getattr(self, name)) for name in "SGNK"}
+        arrays: dict[str, Any] = {"mass": float(self.mass), "markers": dict(self.markers)}
+        arrays["stiffening"] = {load: as_array(array) for load, array in self.stiffening.items()}
+        arrays |= {name: as_array(getattr(self, name)) for name in "SGNK"}
         if self.P is not None:
-            made["P"] = as_array(self.P)
-            made["G"], made["N"] = views_of_moments(made["P"])
-        for name, value in made.items():
+            arrays["P"] = as_array(self.P)
+            arrays["G"], arrays["N"] = views_of_moments(arrays["P"])
+        for name, value in arrays.items():
             object.__setattr__(self, name, value)
 
     def _shown(self) -> list[tuple[str, str, str]]:

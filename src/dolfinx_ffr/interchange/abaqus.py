@@ -125,8 +125,8 @@ class InputFile:
 
     def rows(self, what: str, labels: Integers) -> Integers:
         """The rows of nodes with some labels; ``what`` has them, for messages."""
-        at = np.minimum(np.searchsorted(self.labels, labels), len(self.labels) - 1)
-        if np.any(wrong := self.labels[at] != labels):
+        rows = np.minimum(np.searchsorted(self.labels, labels), len(self.labels) - 1)
+        if np.any(wrong := self.labels[rows] != labels):
             missing = np.unique(labels[wrong])[:5].tolist()
             hint = ""
             if "C3D8I" in self._types:
@@ -135,17 +135,17 @@ class InputFile:
                     "own, and are not read; take C3D8, C3D20 or another type"
                 )
             raise ValueError(f"{self.path}: it has no nodes {missing}, which {what} names{hint}")
-        return np.asarray(at)
+        return np.asarray(rows)
 
     def matrices(
         self, stiffness: NDArray, mass: NDArray, sources: tuple[Path, Path]
     ) -> AssembledMatrices:
         """A body of rows, columns and values of two matrices, of all displacements in order."""
         n = 3 * len(self.labels)
-        whole = []
+        assembled = []
         for table, source in zip((stiffness, mass), sources, strict=True):
             index = whole_numbers(source, table[:, :2])
-            whole.append(from_entries(str(source), index[:, 0], index[:, 1], table[:, 2], n))
+            assembled.append(from_entries(str(source), index[:, 0], index[:, 1], table[:, 2], n))
         members = {name: self._labels_of(name) for name in self._sets}
         sets = {
             self._names[name]: self.rows(f"set {name}", labels)
@@ -157,7 +157,9 @@ class InputFile:
             for size, block in self._elements.items()
         ]
         try:
-            return AssembledMatrices(whole[0], whole[1], self.nodes, sets, surface(elements))
+            return AssembledMatrices(
+                assembled[0], assembled[1], self.nodes, sets, surface(elements)
+            )
         except ValueError as error:
             raise ValueError(f"{sources[0]} and {sources[1].name}: {error}") from error
 
@@ -176,37 +178,39 @@ def read_calculix(path: str | Path, model: str | Path | None = None) -> Assemble
     """
     path = validation.path("read_calculix: path", path)
     source = path if model is None else validation.path("read_calculix: model", model)
-    read = InputFile(source)
+    input_file = InputFile(source)
     place = path.with_suffix(".dof")
     try:
-        parts = [line.split(".") for line in place.read_text().split()]
-        dofs = np.array([(int(node), int(axis)) for node, axis in parts], dtype=np.int64)
+        labels = [line.split(".") for line in place.read_text().split()]
+        dofs = np.array([(int(node), int(axis)) for node, axis in labels], dtype=np.int64)
     except (OverflowError, UnicodeDecodeError, ValueError) as error:
         raise ValueError(f"{place}: each line must be NODE.DIRECTION: {error}") from None
     dofs = dofs.reshape(-1, 2)
     if len(dofs) and not (dofs[:, 1].min() > 0 and dofs[:, 1].max() < 4):
         raise ValueError(f"{place}: directions must be 1, 2 or 3: only solid elements are possible")
-    order = 3 * read.rows(place.name, dofs[:, 0]) + dofs[:, 1] - 1
-    n = 3 * len(read.labels)
+    order = 3 * input_file.rows(place.name, dofs[:, 0]) + dofs[:, 1] - 1
+    n = 3 * len(input_file.labels)
     if missing := np.setdiff1d(np.arange(n), order).tolist():
-        told = [f"{read.labels[k // 3]}.{k % 3 + 1}" for k in missing[:5]]
+        examples = [f"{input_file.labels[k // 3]}.{k % 3 + 1}" for k in missing[:5]]
         raise ValueError(
-            f"{place}: {len(missing)} of {n} displacements are missing, as {told}: leave out "
+            f"{place}: {len(missing)} of {n} displacements are missing, as {examples}: leave out "
             "boundary conditions and nodes that belong to no element"
         )
     if len(order) != n:
         raise ValueError(f"{place}: {len(order) - n} displacements stand twice")
     tables, sources = [], (path.with_suffix(".sti"), path.with_suffix(".mas"))
-    for each in sources:
-        table = read_table(each, 3)
-        index = whole_numbers(each, table[:, :2])
+    for source_file in sources:
+        table = read_table(source_file, 3)
+        index = whole_numbers(source_file, table[:, :2])
         if index.min() < 1 or index.max() > n:
-            raise ValueError(f"{each}: an entry lies outside of the {n} rows of {place.name}")
+            raise ValueError(
+                f"{source_file}: an entry lies outside of the {n} rows of {place.name}"
+            )
         tables.append(np.column_stack([order[index - 1], table[:, 2]]))
         # both triangles, as the new order mixes them
         off = index[:, 0] != index[:, 1]
         tables[-1] = np.vstack([tables[-1], tables[-1][off][:, [1, 0, 2]]])
-    return read.matrices(tables[0], tables[1], sources)
+    return input_file.matrices(tables[0], tables[1], sources)
 
 
 def read_abaqus(stiffness: str | Path, mass: str | Path, model: str | Path) -> AssembledMatrices:
@@ -222,7 +226,7 @@ def read_abaqus(stiffness: str | Path, mass: str | Path, model: str | Path) -> A
             nothing holds (`AssembledMatrices`); the message names the file.
         OSError: If a file cannot be read.
     """
-    read = InputFile(validation.path("read_abaqus: model", model))
+    input_file = InputFile(validation.path("read_abaqus: model", model))
     sources = (
         validation.path("read_abaqus: stiffness", stiffness),
         validation.path("read_abaqus: mass", mass),
@@ -234,7 +238,7 @@ def read_abaqus(stiffness: str | Path, mass: str | Path, model: str | Path) -> A
             index = whole_numbers(source, table[:, :4])
             if index[:, 1::2].min() < 1 or index[:, 1::2].max() > 3:
                 raise ValueError(f"{source}: directions must be 1, 2 or 3, as of solid elements")
-            at = read.rows(source.name, index[:, ::2].ravel()).reshape(-1, 2)
-            table = np.column_stack([3 * at + index[:, 1::2], table[:, 4]])
+            rows = input_file.rows(source.name, index[:, ::2].ravel()).reshape(-1, 2)
+            table = np.column_stack([3 * rows + index[:, 1::2], table[:, 4]])
         tables.append(table - np.array([1.0, 1.0, 0.0]))
-    return read.matrices(tables[0], tables[1], sources)
+    return input_file.matrices(tables[0], tables[1], sources)

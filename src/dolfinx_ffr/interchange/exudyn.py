@@ -91,27 +91,27 @@ class Exudyn:
     def read(self, path: Path) -> dict[str, Any]:
         archive = open_archive(path)
         _check_heads(archive.heads)
-        found = read_arrays(path, archive)
-        basis, mass = found["modeBasis"], found["totalMass"]
+        file = read_arrays(path, archive)
+        basis, mass = file["modeBasis"], file["totalMass"]
         r = basis.shape[1]
-        S = np.vstack([mass * found["chiU"].reshape(1, 3), found["mPhitTPsi"].reshape(3, r).T])
+        S = np.vstack([mass * file["chiU"].reshape(1, 3), file["mPhitTPsi"].reshape(3, r).T])
         P = np.zeros((r + 1, r + 1, 3, 3))
-        P[0, 0] = of_theta(found["inertiaLocal"])
-        P[1:, 0] = of_theta(found["mXRefTildePsiTilde"].reshape(3, r, 3).transpose(1, 0, 2))
+        P[0, 0] = of_theta(file["inertiaLocal"])
+        P[1:, 0] = of_theta(file["mXRefTildePsiTilde"].reshape(3, r, 3).transpose(1, 0, 2))
         P[0, 1:] = P[1:, 0].transpose(0, 2, 1)
-        squares = found["mPsiTildePsiTilde"].reshape(r, 3, r, 3).transpose(2, 0, 1, 3)
+        squares = file["mPsiTildePsiTilde"].reshape(r, 3, r, 3).transpose(2, 0, 1, 3)
         P[1:, 1:] = of_theta(squares)
-        mass_matrix = found["massMatrixReduced"]
-        apart = np.abs(np.einsum("abkk->ab", P[1:, 1:]) - mass_matrix)
-        if np.any(apart > 1e-9 * np.max(np.abs(mass_matrix), initial=0.0)):
+        mass_matrix = file["massMatrixReduced"]
+        difference = np.abs(np.einsum("abkk->ab", P[1:, 1:]) - mass_matrix)
+        if np.any(difference > 1e-9 * np.max(np.abs(mass_matrix), initial=0.0)):
             raise ValueError("mPsiTildePsiTilde and massMatrixReduced contradict each other")
-        arrays = {"mass": mass, "S": S, "P": P, "K": found["stiffnessMatrixReduced"]}
-        if "markers" in found and "markerLever" in found:
-            nodes = found["xRef"].reshape(len(found["markers"]), _NODES, 3)
+        arrays = {"mass": mass, "S": S, "P": P, "K": file["stiffnessMatrixReduced"]}
+        if "markers" in file and "markerLever" in file:
+            nodes = file["xRef"].reshape(len(file["markers"]), _NODES, 3)
             shapes = basis.reshape(len(nodes), _NODES, 3, r)
-            turned = (shapes[:, 1:] - shapes[:, :1]) / found["markerLever"]  # psi x e_k
+            turned = (shapes[:, 1:] - shapes[:, :1]) / file["markerLever"]  # psi x e_k
             arrays |= {
-                "markers": found["markers"],
+                "markers": file["markers"],
                 "marker_positions": nodes[:, 0],
                 "marker_displacements": shapes[:, 0],
                 "marker_rotations": np.stack(

@@ -94,10 +94,10 @@ class StandardInputData:
             mode = f"Eigen Mode {k:4d} :{frequency:13.6g} Hz"
             lines.append(f"                ielastq ({k:4d})                  = {mode}")
         lines += ["           end refmod", "           frame"]
-        for k, own in enumerate(zip(*at.values(), strict=True), 1):
+        for k, node in enumerate(zip(*at.values(), strict=True), 1):
             lines.append(f"                new node                        ={k:6d}")
             lines.append("                     rframe                     =    body ref")
-            for key, term in _node_terms(*own).items():
+            for key, term in _node_terms(*node).items():
                 lines += _written(key, *term, indent=21)
             lines.append("                end node")
         lines.append("           end frame")
@@ -110,8 +110,8 @@ class StandardInputData:
         text = unsealed(path)
         reader = _Reader(text)
         mass, terms, nodes = reader.modal()
-        told = re.search(r"markers=(\[.*?\])\s*$", text.partition("\n")[0])
-        names = [str(name) for name in json.loads(told[1])] if told else list(nodes)
+        stated_names = re.search(r"markers=(\[.*?\])\s*$", text.partition("\n")[0])
+        names = [str(name) for name in json.loads(stated_names[1])] if stated_names else list(nodes)
         if len(names) != len(nodes):
             raise ValueError(f"line 1: {len(names)} names of {len(nodes)} nodes")
         return _body(mass, reader.r, terms, dict(zip(names, nodes.values(), strict=True)))
@@ -136,7 +136,7 @@ def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
     inertia, by_q = theta(P[0, 0]), theta(P[0, 1:] + P[1:, 0])
     bent = second + turned  # j, k
     gyro, by_gyro = 2.0 * theta(first), 2.0 * theta(second)  # k, i, j and k, l, i, j
-    whole = np.trace(P[1:, 1:], axis1=2, axis2=3)
+    mass_matrix = np.trace(P[1:, 1:], axis1=2, axis2=3)
     return {
         "mdCM": (S[0][:, None], S[1:].T[:, :, None]),
         "J": (
@@ -145,7 +145,7 @@ def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
         ),
         "Ct": (S[1:], moved),
         "Cr": (axial(first), axial(bent)),
-        "Me": (whole, None),
+        "Me": (mass_matrix, None),
         "Gr": (
             gyro.transpose(1, 0, 2).reshape(3, 3 * r),
             by_gyro.transpose(2, 1, 0, 3).reshape(3, r, 3 * r),
@@ -271,15 +271,15 @@ class _Reader:
         return mass, terms, nodes
 
     def _terms(self, end: str, known: dict[str, Any]) -> dict[str, Taylor]:
-        found: dict[str, Taylor] = {}
+        terms: dict[str, Taylor] = {}
         while (name := self._next(end)) != end:
-            if name not in known or name in found:
+            if name not in known or name in terms:
                 raise ValueError(
                     f"line {self.line}: {name[:60]!r} is not one of {list(known)}, or stands twice"
                 )
             rows, columns = known[name]
-            found[name] = self._taylor(name, rows, self.r if name in ("phi", "psi") else columns)
-        return found
+            terms[name] = self._taylor(name, rows, self.r if name in ("phi", "psi") else columns)
+        return terms
 
     def _taylor(self, name: str, rows: int | None, columns: int | None) -> Taylor:
         order, nrow, ncol, nq, _, structure = (self._integer(key) for key in _FIELDS)
@@ -293,27 +293,27 @@ class _Reader:
         by_modes = nrow, self.r if order else 0, ncol
         if 8 * nrow * ncol * (1 + by_modes[1]) > available_memory():  # it is text of any size
             raise ValueError(f"line {self.line}: {name} of {self.r} modes is more than the memory")
-        parts = np.zeros(shape), np.zeros(by_modes)
+        orders = np.zeros(shape), np.zeros(by_modes)
         if structure == 4:
-            parts[0][:] = np.eye(*shape)
-        seen = set()
+            orders[0][:] = np.eye(*shape)
+        entries = set()
         while (text := self._next(f"end {name}")) != f"end {name}":
             entry = self._entry.match(text)
             index = tuple(int(k) - 1 for k in entry[2].split(",")) if entry else ()
             if not entry or len(index) != 2 + int(entry[1]) or int(entry[1]) > order:
                 raise ValueError(f"line {self.line}: {text[:60]!r} is no entry of {name}")
-            part = parts[int(entry[1])]
-            if (entry[1], index) in seen or any(
-                not 0 <= k < size for k, size in zip(index, part.shape, strict=True)
+            array = orders[int(entry[1])]
+            if (entry[1], index) in entries or any(
+                not 0 <= k < size for k, size in zip(index, array.shape, strict=True)
             ):
                 raise ValueError(f"line {self.line}: {text[:60]!r} is twice in {name}, or outside")
-            seen.add((entry[1], index))
-            part[index] = number(entry[3], self.line)
+            entries.add((entry[1], index))
+            array[index] = number(entry[3], self.line)
         if structure == 2 and nrow == ncol:  # one triangle
-            for part in (parts[0], *parts[1].transpose(1, 0, 2)):
-                one_sided = not (np.any(np.tril(part, -1)) and np.any(np.triu(part, 1)))
-                part += part.T - np.diag(np.diag(part)) if one_sided else 0.0
-        return parts[0], parts[1] if order else None
+            for array in (orders[0], *orders[1].transpose(1, 0, 2)):
+                one_sided = not (np.any(np.tril(array, -1)) and np.any(np.triu(array, 1)))
+                array += array.T - np.diag(np.diag(array)) if one_sided else 0.0
+        return orders[0], orders[1] if order else None
 
 
 def _body(
@@ -382,8 +382,8 @@ def _body(
 
 def _markers(nodes: dict[str, dict[str, Taylor]], r: int) -> dict[str, Array]:
     """The arrays of the markers from the terms of the nodes."""
-    found: dict[str, list[Array]] = {f"marker_{key}": [] for key in ("positions", "displacements")}
-    found |= {f"marker_{key}": [] for key in ("rotations", "stiffening", "axes")}
+    lists: dict[str, list[Array]] = {f"marker_{key}": [] for key in ("positions", "displacements")}
+    lists |= {f"marker_{key}": [] for key in ("rotations", "stiffening", "axes")}
     for name, terms in nodes.items():
         if missing := sorted({"origin", "phi", "psi", "AP"} - set(terms)):
             raise ValueError(f"node {name}: the terms {missing} are missing")
@@ -392,16 +392,16 @@ def _markers(nodes: dict[str, dict[str, Taylor]], r: int) -> dict[str, Array]:
         )
         if moved is not None and np.any(moved) and np.any(phi):
             _alike(f"node {name}: origin", moved[:, :, 0], "phi", phi)
-        found["marker_positions"].append(x[:, 0])
-        found["marker_displacements"].append(phi)
-        found["marker_rotations"].append(psi)
-        found["marker_stiffening"].append(np.zeros((3, r, r)) if bent is None else -bent)
-        found["marker_axes"].append(axes)
+        lists["marker_positions"].append(x[:, 0])
+        lists["marker_displacements"].append(phi)
+        lists["marker_rotations"].append(psi)
+        lists["marker_stiffening"].append(np.zeros((3, r, r)) if bent is None else -bent)
+        lists["marker_axes"].append(axes)
     n = len(nodes)
     shapes = ((n, 3), (n, 3, r), (n, 3, r), (n, 3, r, r), (n, 3, 3))
     arrays = {
         key: np.array(values).reshape(shape)
-        for (key, values), shape in zip(found.items(), shapes, strict=True)
+        for (key, values), shape in zip(lists.items(), shapes, strict=True)
     }
     if not np.any(arrays["marker_stiffening"]):
         del arrays["marker_stiffening"]
@@ -416,35 +416,35 @@ def _mixed_moments(terms: dict[str, Taylor]) -> Array:
     r = len(vectors)
     gyro = 0.5 * terms["Gr"][0].reshape(3, r, 3).transpose(1, 0, 2)
     # some write the columns 13 and 23 of Oe the other way round
-    both = [
+    candidates = [
         _of_parts(coefficients[:, order], vectors) for order in ([*range(6)], [0, 1, 2, 3, 5, 4])
     ]
-    apart = [_difference(theta(moments), gyro) for moments in both]
-    _doubted("Gr and that of Cr and Oe, which are taken", min(apart))
-    if apart[1] < 1e-3 * apart[0]:
+    differences = [_difference(theta(moments), gyro) for moments in candidates]
+    _doubted("Gr and that of Cr and Oe, which are taken", min(differences))
+    if differences[1] < 1e-3 * differences[0]:
         coefficients[:] = coefficients[:, [0, 1, 2, 3, 5, 4]]
         if terms["Oe"][1] is not None:
             terms["Oe"][1][:] = terms["Oe"][1][:, :, [0, 1, 2, 3, 5, 4]]
-        return both[1]
-    return both[0]
+        return candidates[1]
+    return candidates[0]
 
 
 def _inertia(J: Taylor, mixed: Array) -> Array:
     """The tensor (3, 3) of a column or a matrix; what q adds to it must fit P_k0, (r, 3, 3)."""
     m0, m1 = J
-    wanted = theta(mixed + mixed.transpose(0, 2, 1)).transpose(1, 0, 2)
+    expected = theta(mixed + mixed.transpose(0, 2, 1)).transpose(1, 0, 2)
     best: tuple[float, Array] = (np.inf, m0)
     for pairs in (_J, (*_J[:4], _J[5], _J[4])):
-        whole, by_q = m0, m1
+        tensor, by_q = m0, m1
         if m0.shape == (6, 1):
-            whole, by_q = np.zeros((3, 3)), None if m1 is None else np.zeros((3, len(mixed), 3))
+            tensor, by_q = np.zeros((3, 3)), None if m1 is None else np.zeros((3, len(mixed), 3))
             for row, (i, j) in enumerate(pairs):
-                whole[i, j] = whole[j, i] = m0[row, 0]
+                tensor[i, j] = tensor[j, i] = m0[row, 0]
                 if by_q is not None and m1 is not None:
                     by_q[i, :, j] = by_q[j, :, i] = m1[row, :, 0]
-        apart = 0.0 if by_q is None or not np.any(by_q) else _difference(by_q, wanted)
-        if apart < best[0]:
-            best = apart, whole
+        difference = 0.0 if by_q is None or not np.any(by_q) else _difference(by_q, expected)
+        if difference < best[0]:
+            best = difference, tensor
     if best[0] > _SAME:
         raise ValueError(f"the terms J, Cr and Oe contradict each other by {best[0]:.1e}")
     _alike("J", best[1], "its transpose", best[1].T)
@@ -462,41 +462,43 @@ def _second_moments(
     """
 
     def smallest(moments: Array) -> float:
-        whole = moments.transpose(0, 2, 1, 3).reshape(3 * len(Me), 3 * len(Me))
-        return float(np.linalg.eigvalsh(0.5 * (whole + whole.T))[0])
+        flat = moments.transpose(0, 2, 1, 3).reshape(3 * len(Me), 3 * len(Me))
+        return float(np.linalg.eigvalsh(0.5 * (flat + flat.T))[0])
 
     gram = np.block([[np.array([[mass]]), S[:1]], [S[:1].T, P[0, 0]]])
     along = np.concatenate([S[1:, :, None], P[1:, 0]], axis=2)  # j, component, 1 and X
     least = np.einsum("jma,ab,knb->jkmn", along, np.linalg.pinv(gram, hermitian=True), along)
-    found = _of_parts(by_oe, spun)
-    found = 0.5 * (found + found.transpose(1, 0, 3, 2))
+    moments_by_oe = _of_parts(by_oe, spun)
+    moments_by_oe = 0.5 * (moments_by_oe + moments_by_oe.transpose(1, 0, 3, 2))
     size = float(np.max(np.diag(Me), initial=0.0))
-    exact = _difference(np.trace(found, axis1=2, axis2=3), Me) <= _SAME
-    if not len(Me) or (exact and smallest(found - least) >= -_SAME * size):
-        return 1.0, found
+    exact = _difference(np.trace(moments_by_oe, axis1=2, axis2=3), Me) <= _SAME
+    if not len(Me) or (exact and smallest(moments_by_oe - least) >= -_SAME * size):
+        return 1.0, moments_by_oe
     needed = np.trace(least, axis1=2, axis2=3)
-    most = np.max(scipy.linalg.eigh(needed, Me, eigvals_only=True))
-    square = float(min(1.0, 0.999 / most))
+    largest_ratio = np.max(scipy.linalg.eigh(needed, Me, eigvals_only=True))
+    square = float(min(1.0, 0.999 / largest_ratio))
     if square < _LEAST**2:
         raise ValueError(
             f"no mass moves as Ct, Cr and Oe say: they are {square**-0.5:.1f} times as large as Me "
             "and J allow; the terms themselves can be had from read_terms"
         )
-    rest = (Me - square * needed)[:, :, None, None] * np.eye(3) / 3.0
+    remainder = (Me - square * needed)[:, :, None, None] * np.eye(3) / 3.0
     turns = _of_parts(np.zeros((*Me.shape, 6)), spun - square * axial(least))
     # the share of turns with which no mass is negative
-    shares = (share for share in np.linspace(1.0, 0.0, 101) if smallest(rest + share * turns) >= 0)
-    kept = float(next(shares, 0.0))
+    shares = (
+        share for share in np.linspace(1.0, 0.0, 101) if smallest(remainder + share * turns) >= 0
+    )
+    kept_share = float(next(shares, 0.0))
     warnings.warn(
         "Oe and Cr hold more than the inertia of the coordinates that Me has, as with geometric "
         "stiffening, or contradict it, and the file has no first order of Gr that tells: the "
         "inertia of pairs of coordinates is estimated, and what is left of Oe is stiffening"
         + (f"; Ct, Cr and Oe are too large for Me, and scaled by {square**0.5:.3f}" * (square < 1))
-        + (f"; only {kept:.0%} of the turning part of Cr is kept" * (kept < 1)),
+        + (f"; only {kept_share:.0%} of the turning part of Cr is kept" * (kept_share < 1)),
         InterchangeWarning,
         stacklevel=2,
     )
-    return square**0.5, np.asarray(square * least + rest + kept * turns)
+    return square**0.5, np.asarray(square * least + remainder + kept_share * turns)
 
 
 def _difference(one: Array, other: Array) -> float:

@@ -78,13 +78,13 @@ def _column(what: str, titles: Sequence[str], name: str, key: str) -> int:
     """Place of the column of a name, which is that of an argument."""
     wanted = validation.name(f"{what}: the name of a column", name).strip()
     names = [_split(title)[0] for title in titles]
-    found = [k for k, own in enumerate(names) if wanted in (own, titles[k].strip())]
-    if len(found) != 1:
-        number = "is no column" if not found else f"are {len(found)} columns"
+    matches = [k for k, column in enumerate(names) if wanted in (column, titles[k].strip())]
+    if len(matches) != 1:
+        number = "is no column" if not matches else f"are {len(matches)} columns"
         raise ValueError(
             f"{what}: there {number} {wanted!r}; the columns are {names}; name one by {key}="
         )
-    return found[0]
+    return matches[0]
 
 
 def _split(title: str) -> tuple[str, str | None]:

@@ -62,13 +62,13 @@ def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
         SimulationError: If the motion with more modes cannot be computed.
     """
     trajectories_of(problem, evaluation, "mode_error")
-    whole = with_all_residual_modes(problem, evaluation, terms=1)
-    own, found = own_bodies(problem, evaluation), {}
+    complete = with_all_residual_modes(problem, evaluation, terms=1)
+    evaluated, errors = own_bodies(problem, evaluation), {}
     for name in problem.flexible:
-        bodies = {**own, name: whole[name]}
-        found[name] = relative_change(evaluation.psi, psi_with(problem, evaluation, bodies))
-        warn_of_stiff_damping(problem, evaluation, bodies, found[name])
-    return found
+        bodies = {**evaluated, name: complete[name]}
+        errors[name] = relative_change(evaluation.psi, psi_with(problem, evaluation, bodies))
+        warn_of_stiff_damping(problem, evaluation, bodies, errors[name])
+    return errors
 
 
 def propose_modes(
@@ -98,14 +98,14 @@ def propose_modes(
     """
     tolerance = validation.number("propose_modes: tolerance", tolerance, above=0.0)
     trajectories_of(problem, evaluation, "propose_modes")
-    whole = with_all_residual_modes(problem, evaluation)
-    own = own_bodies(problem, evaluation)
+    complete = with_all_residual_modes(problem, evaluation)
+    evaluated = own_bodies(problem, evaluation)
     warn_of_local_modes(problem, evaluation)
     proposed = {}
     for name, body in problem.flexible.items():
         reduced = evaluation.bodies[name]
-        basis, residual = reduced.basis, integrals_of(whole[name])
-        bodies, kept = {**own, name: whole[name]}, len(basis.eigenvalues)
+        basis, residual = reduced.basis, integrals_of(complete[name])
+        bodies, present = {**evaluated, name: complete[name]}, len(basis.eigenvalues)
         psi = psi_with(problem, evaluation, bodies)
         error = partial(_error, problem, evaluation, bodies, name, psi)
 
@@ -115,16 +115,16 @@ def propose_modes(
             except SimulationError:  # as of a torn design with too few
                 return False
 
-        number = _least(holds, residual.modes - basis.n_constraint, kept)
-        if number <= kept:
+        number = _least(holds, residual.modes - basis.n_constraint, present)
+        if number <= present:
             # the present number may itself cut a cluster, of which reduction warns
             uncut = [n for n in _uncut(reduced) if n >= number]
-            proposed[name] = int(uncut[0]) if uncut else kept
+            proposed[name] = int(uncut[0]) if uncut else present
         else:
-            at = basis.n_constraint + number - 1
-            square = residual.K[at, at]
-            found = body.count_below(reduced, (1.0 + ROOM) * square)
-            proposed[name] = min(max(found, kept + 1), body.reduction.most_modes)
+            index = basis.n_constraint + number - 1
+            square = residual.K[index, index]
+            count = body.count_below(reduced, (1.0 + ROOM) * square)
+            proposed[name] = min(max(count, present + 1), body.reduction.most_modes)
     return proposed
 
 
@@ -164,36 +164,36 @@ def select_modes(
     if x is None:
         x = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
     evaluation = problem.value(x)
-    whole = with_all_residual_modes(problem, evaluation)
-    exact = psi_with(problem, evaluation, whole)
+    complete = with_all_residual_modes(problem, evaluation)
+    exact = psi_with(problem, evaluation, complete)
     chosen: dict[str, int] = {}
     errors: dict[str, Array] = {}
     for name in problem.flexible:
         basis = evaluation.bodies[name].basis
-        last = len(basis.eigenvalues)
-        error = partial(_error, problem, evaluation, whole, name, exact)
-        errors[name] = np.array([error(n) for n in range(last + 1)])
+        n_modes = len(basis.eigenvalues)
+        error = partial(_error, problem, evaluation, complete, name, exact)
+        errors[name] = np.array([error(n) for n in range(n_modes + 1)])
         # all larger numbers must hold the tolerance as well
         holds = np.logical_and.accumulate((errors[name] <= tolerance)[::-1])[::-1]
         fits = [n for n in _uncut(evaluation.bodies[name]) if holds[n]]
         if not fits:
             raise ValueError(
-                f"select_modes: with all {last} normal modes of body {name!r} the estimated error "
-                f"of psi is {errors[name][-1]:.1e}, and {tolerance:.1e} is not held by a number "
+                f"select_modes: with all {n_modes} normal modes of body {name!r} the estimated "
+                f"error of psi is {errors[name][-1]:.1e}, and {tolerance:.1e} is not held by a number "
                 "that keeps close frequencies together; give the problem more modes to choose from"
             )
         chosen[name] = int(fits[0])
-    leading = {name: _with_modes(evaluation, whole, name, n) for name, n in chosen.items()}
-    psi = psi_with(problem, evaluation, {**whole, **leading})
+    leading = {name: _with_modes(evaluation, complete, name, n) for name, n in chosen.items()}
+    psi = psi_with(problem, evaluation, {**complete, **leading})
     return ModeSelection(chosen, errors, relative_change(psi, exact))
 
 
 def with_all_residual_modes(problem: Problem, evaluation: Evaluation, *, terms: int = 2) -> Bodies:
     """All bodies, flexible ones with residual modes (1 or 2 terms), in the order given."""
-    own = own_bodies(problem, evaluation)
+    bodies = own_bodies(problem, evaluation)
     for name, body in problem.flexible.items():
-        own[name] = with_residual_modes(body, evaluation.bodies[name], terms=terms)
-    return own
+        bodies[name] = with_residual_modes(body, evaluation.bodies[name], terms=terms)
+    return bodies
 
 
 def psi_with(
@@ -222,9 +222,11 @@ def warn_of_stiff_damping(
     if not damped or error < DOUBTFUL:
         return
     finer = {name: case.integrator.finer for name, case in load_cases}
-    own = own_bodies(problem, evaluation)
-    less, more = (psi_with(problem, evaluation, some, finer) for some in (own, bodies))
-    shorter = relative_change(less, more)
+    evaluated = own_bodies(problem, evaluation)
+    psi_without, psi_with_modes = (
+        psi_with(problem, evaluation, several, finer) for several in (evaluated, bodies)
+    )
+    shorter = relative_change(psi_without, psi_with_modes)
     if shorter < 0.5 * error:
         warnings.warn(
             f"the error of psi by modes, estimated at {error:.1e}, is {shorter:.1e} with shorter "
@@ -243,8 +245,8 @@ def integrals_of(body: ReducedBody | VolumeIntegrals) -> VolumeIntegrals:
 
 def own_bodies(problem: Problem, evaluation: Evaluation) -> Bodies:
     """All bodies as they were evaluated, in the order given."""
-    given = problem.bodies.items()
-    return {n: b if isinstance(b, VolumeIntegrals) else evaluation.bodies[n] for n, b in given}
+    bodies = problem.bodies.items()
+    return {n: b if isinstance(b, VolumeIntegrals) else evaluation.bodies[n] for n, b in bodies}
 
 
 def _with_modes(
@@ -271,13 +273,13 @@ def relative_change(found: float, exact: float) -> float:
 
 def _least(holds: Callable[[int], bool], most: int, first: int) -> int:
     """The least number up to ``most``, which holds, if all above it hold; asks ``first`` first."""
-    low, high, asked = -1, most, first
+    low, high, number = -1, most, first
     while high - low > 1:
-        if holds(asked):
-            high = asked
+        if holds(number):
+            high = number
         else:
-            low = asked
-        asked = (low + high) // 2
+            low = number
+        number = (low + high) // 2
     return high
 
 
@@ -318,19 +320,21 @@ def local_modes(problem: Problem, evaluation: Evaluation) -> dict[str, LocalMode
     doi:10.1007/s001580050130). The ``evaluation`` is what a `value` of the ``problem`` returned, at
     any time; a ValueError if nothing was simulated. All flexible bodies are in the result, by name.
     """
-    moved = trajectories_of(problem, evaluation, "local_modes").values()
-    found = {}
+    trajectories = trajectories_of(problem, evaluation, "local_modes").values()
+    local = {}
     for name, body in problem.flexible.items():
         basis = evaluation.bodies[name].basis
         numbers, places = _local(body, evaluation.bodies[name])
         # normal modes do not share strain energy with each other, nor with constraint modes
         eigenvalues, columns = basis.eigenvalues[numbers], basis.n_constraint + numbers
-        energies = [(0.5 * m.elastic(name)[:, columns] ** 2 @ eigenvalues, m.t) for m in moved]
-        own = sum(trapezoid(energy, t) for energy, t in energies)
-        whole = sum(trapezoid(m.strain_energy(name), m.t) for m in moved)
-        share = float(own / whole) if whole > 0.0 else 0.0
-        found[name] = LocalModes(numbers + 1, basis.frequencies[numbers], places, share)
-    return found
+        energies = [
+            (0.5 * m.elastic(name)[:, columns] ** 2 @ eigenvalues, m.t) for m in trajectories
+        ]
+        of_modes = sum(trapezoid(energy, t) for energy, t in energies)
+        total = sum(trapezoid(m.strain_energy(name), m.t) for m in trajectories)
+        share = float(of_modes / total) if total > 0.0 else 0.0
+        local[name] = LocalModes(numbers + 1, basis.frequencies[numbers], places, share)
+    return local
 
 
 def trajectories_of(problem: Problem, evaluation: Evaluation, call: str) -> dict[str, Trajectory]:
@@ -350,16 +354,16 @@ def warn_of_local_modes(problem: Problem, evaluation: Evaluation) -> None:
         if not len(local.numbers):
             continue
         modes = evaluation.bodies[name].basis.eigenvalues
-        first = zip(local.numbers[:3], local.frequencies, local.places, strict=False)
+        examples = zip(local.numbers[:3], local.frequencies, local.places, strict=False)
         listed = ", ".join(
             f"mode {number} ({frequency:.4g} Hz) near ({', '.join(f'{x:.4g}' for x in place)}) m"
-            for number, frequency, place in first
+            for number, frequency, place in examples
         )
-        others = ", and others" if len(local.numbers) > 3 else ""
+        ending = ", and others" if len(local.numbers) > 3 else ""
         warnings.warn(
             f"{len(local.numbers)} of {len(modes)} normal modes of body {name!r} shake nothing but "
-            f"loose or almost void pieces: {listed}{others}. They take the places of modes that "
-            f"matter, and hold {100.0 * local.share:.2g} % of the strain energy of the motion, in "
+            f"loose or almost void pieces: {listed}{ending}. They take the places of modes "
+            f"that matter, and hold {100.0 * local.share:.2g} % of the strain energy of the motion, in "
             "void: empty these cells or join them to the rest; where that share is negligible, so "
             "many modes more will do",
             LocalModesWarning,
@@ -373,13 +377,13 @@ def _local(body: FlexibleBody, reduced: ReducedBody) -> tuple[Integers, Array]:
     mass = x * domain.cell_volumes
     mean = domain.sum(mass * x) / domain.sum(mass)
     dense = x >= THIN * mean
-    held = [interface.facets for interface in domain.interfaces.values()]
-    elsewhere = ~dense | floating_cells(domain.mesh, dense, held)[0]
+    facets = [interface.facets for interface in domain.interfaces.values()]
+    elsewhere = ~dense | floating_cells(domain.mesh, dense, facets)[0]
     numbers, places = [], []
     for i, mode in enumerate(basis.shapes[:, basis.n_constraint :].T):
         energy = body.elasticity.kinetic_energy(x, mode)
-        whole = domain.sum(energy)
-        if domain.sum(energy * elsewhere) > MOST * whole:
+        total = domain.sum(energy)
+        if domain.sum(energy * elsewhere) > MOST * total:
             numbers.append(i)
-            places.append([domain.sum(energy * c) / whole for c in domain.centroids.T])
+            places.append([domain.sum(energy * c) / total for c in domain.centroids.T])
     return np.array(numbers, dtype=np.int64), np.reshape(places, (-1, domain.dimension))

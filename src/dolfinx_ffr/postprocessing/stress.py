@@ -122,13 +122,13 @@ class StressModes(Shown):
         The result has s_x, s_y, t_xy and s_z, shape (cells, points, 4) [Pa]; in space s_x, s_y,
         s_z, t_xy, t_yz and t_xz, shape (cells, points, 6).
         """
-        given = validation.real_array("stress: coordinates", z)
-        if given.shape not in ((self.n_elastic,), self.values.shape[3:]):
+        vector = validation.real_array("stress: coordinates", z)
+        if vector.shape not in ((self.n_elastic,), self.values.shape[3:]):
             raise ValueError(
-                f"stress: coordinates of shape {given.shape}, expected ({self.n_elastic},) elastic "
-                f"ones or all {self.values.shape[3]} of StressModes.coordinates"
+                f"stress: coordinates of shape {vector.shape}, expected ({self.n_elastic},) "
+                f"elastic ones or all {self.values.shape[3]} of StressModes.coordinates"
             )
-        plane = self.values[..., : len(given)] @ given
+        plane = self.values[..., : len(vector)] @ vector
         if plane.shape[2] == 6:
             return np.asarray(plane)
         normal = self.out_of_plane * (plane[..., 0] + plane[..., 1])
@@ -146,10 +146,12 @@ class StressModes(Shown):
         ``z`` are the `coordinates`, shape (steps, coordinates), at ``times``, shape (steps,) [s].
         """
         root = von_mises_root(self.out_of_plane, self.values.shape[2])
-        found = np.zeros(len(self.values)), *np.zeros((2, len(self.values)), dtype=np.int64)
-        for all_of, part in zip(found, _worst(self.values[self.solid], root, z), strict=True):
-            all_of[self.solid] = part
-        return _told(self.domain, self.points, self.solid, found, times, "")
+        envelope = np.zeros(len(self.values)), *np.zeros((2, len(self.values)), dtype=np.int64)
+        for all_of, of_solid in zip(
+            envelope, _worst(self.values[self.solid], root, z), strict=True
+        ):
+            all_of[self.solid] = of_solid
+        return _envelope(self.domain, self.points, self.solid, envelope, times, "")
 
 
 @dataclass(frozen=True, repr=False)
@@ -213,30 +215,38 @@ def worst_stress(
     domain = body.domain
     with on_every_rank(domain.comm, "worst_stress"):
         if name not in evaluation.bodies:
-            there = sorted(evaluation.bodies)
-            raise ValueError(f"worst_stress: no flexible body {name!r}; there are {there}")
+            names = sorted(evaluation.bodies)
+            raise ValueError(f"worst_stress: no flexible body {name!r}; there are {names}")
         body.refuse_foreign(evaluation.bodies[name], name)
     reduced = evaluation.bodies[name]
     stress, solid, scale = _scaled(body, reduced, correction, relaxation, void, clear)
     evaluation.check_simulated()
-    moved = {n: m.trajectory for n, m in evaluation.load_cases.items() if m.trajectory is not None}
-    held, root = reduced.basis.n_constraint, von_mises_root(stress.out_of_plane, stress.components)
-    z = [stress_coordinates(t, name, held, correction=correction) for t in moved.values()]
+    trajectories = {
+        n: m.trajectory for n, m in evaluation.load_cases.items() if m.trajectory is not None
+    }
+    n_constraint, root = (
+        reduced.basis.n_constraint,
+        von_mises_root(stress.out_of_plane, stress.components),
+    )
+    z = [
+        stress_coordinates(t, name, n_constraint, correction=correction)
+        for t in trajectories.values()
+    ]
     peaks = np.zeros((len(z), domain.n_cells))
     steps, places = np.zeros((2, len(z), domain.n_cells), dtype=np.int64)
-    for part, values in stress.in_blocks(correction):
-        chosen = np.arange(part.start, part.stop)[solid[part]]
-        modes = values[solid[part]] * scale[chosen][:, :, None, None]
+    for block, values in stress.in_blocks(correction):
+        chosen = np.arange(block.start, block.stop)[solid[block]]
+        modes = values[solid[block]] * scale[chosen][:, :, None, None]
         for i, of_case in enumerate(z):
             peaks[i, chosen], steps[i, chosen], places[i, chosen] = _worst(modes, root, of_case)
-    found = [
-        _told(domain, stress.points, solid, (peaks[i], steps[i], places[i]), t.t, case)
-        for i, (case, t) in enumerate(moved.items())
+    envelopes = [
+        _envelope(domain, stress.points, solid, (peaks[i], steps[i], places[i]), t.t, case)
+        for i, (case, t) in enumerate(trajectories.items())
     ]
-    return max(found, key=lambda worst: worst.largest)
+    return max(envelopes, key=lambda worst: worst.largest)
 
 
-def _told(
+def _envelope(
     domain: Domain,
     points: Array,
     solid: Mask,
@@ -247,15 +257,15 @@ def _told(
     """The envelope of stresses, steps and points (cells,) as of `_worst`."""
     stress, step, place = worst
     positions = points[np.arange(domain.n_cells), place]
-    mine = (0.0, 0, np.zeros(domain.dimension))
+    local_largest = (0.0, 0, np.zeros(domain.dimension))
     if domain.n_cells:
         i = int(np.argmax(stress))
-        mine = (float(stress[i]), int(step[i]), positions[i])
-    found = gathered(domain.comm, "the largest stress of a body", mine)
-    largest, first, position = max(found, key=lambda each: each[0])
+        local_largest = (float(stress[i]), int(step[i]), positions[i])
+    of_ranks = gathered(domain.comm, "the largest stress of a body", local_largest)
+    largest, step_of_largest, position = max(of_ranks, key=lambda entry: entry[0])
     when = np.asarray(times)
-    last = largest, float(when[first]), first, position, case
-    return StressEnvelope(stress, step, when[step], solid, *last)
+    largest_fields = largest, float(when[step_of_largest]), step_of_largest, position, case
+    return StressEnvelope(stress, step, when[step], solid, *largest_fields)
 
 
 def _scaled(
@@ -292,24 +302,28 @@ def _worst(values: Array, root: Array, z: Array) -> tuple[Array, Integers, Integ
     stress, (step, place) = np.zeros(cells), np.zeros((2, cells), dtype=np.int64)
     ends = np.unique([*range(0, len(z), _STRIDE), len(z) - 1])
     lines = [np.interp(np.arange(len(z)), ends, line) for line in z[ends].T]
-    rest = np.maximum.reduceat(np.abs(z.T - lines), ends, axis=1)
+    deviations = np.maximum.reduceat(np.abs(z.T - lines), ends, axis=1)
     several = max(1, _BLOCK // (components * points * max(n, len(ends))))
     for begin in range(0, cells, several):
-        part = slice(begin, min(begin + several, cells))
+        block = slice(begin, min(begin + several, cells))
         # of the modes, which are fewer than the steps; each point has its components first
-        modes = np.tensordot(root, values[part], axes=(1, 2)).reshape(len(root), -1, n)
-        found = np.linalg.norm(modes @ z[ends].T, axis=0)
-        peak, when = found.max(axis=1), ends[found.argmax(axis=1)]
-        least = np.repeat(peak.reshape(-1, points).max(axis=1), points)
-        bound = np.linalg.norm(modes, axis=0) @ rest
-        bound[:, :-1] += np.maximum(found[:, :-1], found[:, 1:])
+        modes = np.tensordot(root, values[block], axes=(1, 2)).reshape(len(root), -1, n)
+        norms = np.linalg.norm(modes @ z[ends].T, axis=0)
+        peak, when = norms.max(axis=1), ends[norms.argmax(axis=1)]
+        lower_bound = np.repeat(peak.reshape(-1, points).max(axis=1), points)
+        bound = np.linalg.norm(modes, axis=0) @ deviations
+        bound[:, :-1] += np.maximum(norms[:, :-1], norms[:, 1:])
         for k in np.flatnonzero(np.diff(ends) > 1):
-            at = np.flatnonzero(bound[:, k] > least)
+            candidates = np.flatnonzero(bound[:, k] > lower_bound)
             between = np.arange(ends[k] + 1, ends[k + 1])
-            inner = np.linalg.norm(modes[:, at] @ z[between].T, axis=0)
-            higher = inner.max(axis=1) > peak[at]
-            when[at[higher]] = between[inner.argmax(axis=1)[higher]]
-            peak[at] = np.maximum(peak[at], inner.max(axis=1))
-        of = np.arange(0, len(peak), points) + peak.reshape(-1, points).argmax(axis=1)
-        stress[part], step[part], place[part] = peak[of], when[of], of % points
+            inner = np.linalg.norm(modes[:, candidates] @ z[between].T, axis=0)
+            higher = inner.max(axis=1) > peak[candidates]
+            when[candidates[higher]] = between[inner.argmax(axis=1)[higher]]
+            peak[candidates] = np.maximum(peak[candidates], inner.max(axis=1))
+        points_of_peak = np.arange(0, len(peak), points) + peak.reshape(-1, points).argmax(axis=1)
+        stress[block], step[block], place[block] = (
+            peak[points_of_peak],
+            when[points_of_peak],
+            points_of_peak % points,
+        )
     return stress, step, place

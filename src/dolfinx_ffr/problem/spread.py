@@ -55,12 +55,12 @@ def owners(costs: Mapping[Key, float], ranks: int) -> dict[Key, int]:
     The largest of the ``costs`` first, each to the rank that has least to do: at most 4/3 of the
     least time (R. L. Graham, SIAM Journal on Applied Mathematics 17 (1969), doi:10.1137/0117039).
     """
-    load, found = [0.0] * ranks, dict.fromkeys(costs, 0)
+    load, rank_of = [0.0] * ranks, dict.fromkeys(costs, 0)
     for key in sorted(costs, key=lambda key: -costs[key]):
         rank = min(range(ranks), key=lambda rank: load[rank])
-        found[key] = rank
+        rank_of[key] = rank
         load[rank] += costs[key]
-    return found
+    return rank_of
 
 
 def trajectories(
@@ -71,16 +71,16 @@ def trajectories(
     None where nothing depends on a trajectory. With ``warn`` their limits are warned of. Errors of
     the simulation are raised on every rank, of several load cases the first one's.
     """
-    several, found = len(cases) > 1, dict[str, Trajectory | None]()
+    several, by_case = len(cases) > 1, dict[str, Trajectory | None]()
     failed: dict[str, SimulationError] = {}
-    said: dict[str, list[tuple[type[Warning], str]]] = {}
+    recorded: dict[str, list[tuple[type[Warning], str]]] = {}
     costs = {name: _cost(case, bodies) for name, case in cases.items()}
     with on_every_rank(comm, WORK):
         for name in _mine(comm, costs) if several else cases:
             case = cases[name]
-            with _recorded(name, said) if several else nullcontext():
+            with _recorded(name, recorded) if several else nullcontext():
                 if not case.needs_trajectory:
-                    found[name] = case.trajectory(bodies)
+                    by_case[name] = case.trajectory(bodies)
                     continue
                 try:
                     simulated = integrate(case.mechanism, bodies, case.integrator)
@@ -91,26 +91,30 @@ def trajectories(
                         raise
                     failed[name] = error
                 else:
-                    found[name] = simulated
+                    by_case[name] = simulated
                     if warn:
                         warn_of_limits(simulated)
     if not several:
-        return found
-    numbers = {name: each and each.numbers for name, each in found.items()}
+        return by_case
+    numbers = {name: message and message.numbers for name, message in by_case.items()}
     texts = {name: str(error) for name, error in failed.items()}
-    sent = gathered(comm, "the load cases of a problem", (numbers, said, texts))
-    every, warned, errors = (_joined([each[part] for each in sent]) for part in range(3))
+    messages = gathered(comm, "the load cases of a problem", (numbers, recorded, texts))
+    all_numbers, all_warnings, errors = (
+        _joined([message[item] for message in messages]) for item in range(3)
+    )
     with on_every_rank(comm, WORK):
         for name, case in cases.items():
-            for category, text in warned[name]:
+            for category, text in all_warnings[name]:
                 warnings.warn(f"load case {name!r}: {text}", category, stacklevel=4)
             if name in errors:
-                own = failed[name].trajectory if name in failed else None
-                raise SimulationError(f"load case {name!r}: {errors[name]}", own)  # type: ignore[arg-type]
-            if name not in found:
-                given = every[name]
-                found[name] = given and restored(case.mechanism, bodies, case.integrator, given)
-    return {name: found[name] for name in cases}
+                trajectory = failed[name].trajectory if name in failed else None
+                raise SimulationError(f"load case {name!r}: {errors[name]}", trajectory)  # type: ignore[arg-type]
+            if name not in by_case:
+                numbers_of_case = all_numbers[name]
+                by_case[name] = numbers_of_case and restored(
+                    case.mechanism, bodies, case.integrator, numbers_of_case
+                )
+    return {name: by_case[name] for name in cases}
 
 
 def adjoints(
@@ -121,23 +125,25 @@ def adjoints(
     The ``responses`` are given by load case, the partial derivatives ``direct`` by load case and
     label.
     """
-    several, found = len(responses) > 1, dict[Job, Derivatives]()
+    several, by_job = len(responses) > 1, dict[Job, Derivatives]()
     costs = {}
-    for job, part in direct.items():
-        known = responses[job[0]].simulated
-        costs[job] = 0.0 if known is None or part.trajectory is None else float(known.y.size)
+    for job, partial in direct.items():
+        trajectory = responses[job[0]].simulated
+        costs[job] = (
+            0.0 if trajectory is None or partial.trajectory is None else float(trajectory.y.size)
+        )
     with on_every_rank(comm, WORK):
         mine = _mine(comm, costs) if several else list(direct)
         for case in dict.fromkeys(name for name, _ in mine):
             with _named(case) if several else nullcontext():
-                own, pulled = [job for job in mine if job[0] == case], dict[Job, Bars]()
-                for job in own:
+                jobs, bars = [job for job in mine if job[0] == case], dict[Job, Bars]()
+                for job in jobs:
                     response, bar = responses[case], direct[job].trajectory
                     if bar is not None and moves(direct[job], response):
-                        pulled[job] = adjoint(response.trajectory, bar)
-                found |= through_trajectory(responses[case], own, pulled)
-    every = _joined(gathered(comm, "the adjoints of a problem", found)) if several else found
-    return {job: every[job] for job in direct}
+                        bars[job] = adjoint(response.trajectory, bar)
+                by_job |= through_trajectory(responses[case], jobs, bars)
+    all_jobs = _joined(gathered(comm, "the adjoints of a problem", by_job)) if several else by_job
+    return {job: all_jobs[job] for job in direct}
 
 
 def _mine(comm: MPI.Comm, costs: Mapping[Key, float]) -> list[Key]:
@@ -154,8 +160,8 @@ def _cost(case: MechanicalProblem, bodies: Bodies) -> float:
     return float((case.integrator.instants or INSTANTS) * size) * case.needs_trajectory
 
 
-def _joined(parts: Sequence[Mapping[Key, Any]]) -> dict[Key, Any]:
-    return {key: value for part in parts for key, value in part.items()}
+def _joined(mappings: Sequence[Mapping[Key, Any]]) -> dict[Key, Any]:
+    return {key: value for mapping in mappings for key, value in mapping.items()}
 
 
 @contextmanager
@@ -169,12 +175,12 @@ def _named(case: str) -> Iterator[None]:
 
 
 @contextmanager
-def _recorded(case: str, said: dict[str, list[tuple[type[Warning], str]]]) -> Iterator[None]:
+def _recorded(case: str, recorded: dict[str, list[tuple[type[Warning], str]]]) -> Iterator[None]:
     """Keep the warnings within for all ranks, and name the load case in errors."""
     with warnings.catch_warnings(record=True) as caught, _named(case):
         warnings.simplefilter("always")
         yield
-    said[case] = [(entry.category, str(entry.message)) for entry in caught]
+    recorded[case] = [(entry.category, str(entry.message)) for entry in caught]
 
 
 def checked_memory(bodies: DesignedBodies, cases: Cases, available: int, *, adjoint: bool) -> None:
@@ -182,11 +188,13 @@ def checked_memory(bodies: DesignedBodies, cases: Cases, available: int, *, adjo
     modes, space = bodies.modes.values(), bodies.space
     needed = {n: m.integrator for n, m in cases.items() if m.needs_trajectory}
     with on_every_rank(bodies.comm, WORK):
-        taken = {n: required_memory(each, modes, space=space) for n, each in needed.items()}
+        memory = {
+            n: required_memory(integrator, modes, space=space) for n, integrator in needed.items()
+        }
         for name, integrator in needed.items():
             # all trajectories are kept, one adjoint is computed at a time
-            left = available - sum(taken.values()) + taken[name]
-            check_memory(integrator, modes, left, adjoint=adjoint, space=space)
+            remaining = available - sum(memory.values()) + memory[name]
+            check_memory(integrator, modes, remaining, adjoint=adjoint, space=space)
 
 
 def chosen_before(bodies: DesignedBodies, cases: Cases) -> dict[str, MechanicalProblem]:
@@ -194,49 +202,49 @@ def chosen_before(bodies: DesignedBodies, cases: Cases) -> dict[str, MechanicalP
 
     Half filled and full bodies are judged, and the costlier choice counts.
     """
-    asked = {
+    intervals = {
         name: case.integrator
         for name, case in cases.items()
         if isinstance(case.integrator, TimeInterval) and case.needs_trajectory
     }
-    found: dict[str, StepChoice] = {}
-    for share in FILLED if asked else ():
-        given = bodies.response(bodies.reduce(bodies.filled(share)))
+    choices: dict[str, StepChoice] = {}
+    for share in FILLED if intervals else ():
+        response = bodies.response(bodies.reduce(bodies.filled(share)))
         with on_every_rank(bodies.comm, "the choice of time steps"):
-            for name, interval in asked.items():
-                choice = cases[name].choice(given, interval)
-                before = found.get(name)
-                if before is not None and before.cost >= choice.cost:
-                    choice = replace(before, error=max(before.error, choice.error))
-                found[name] = choice
-    return _stepping(bodies.comm, cases, found)
+            for name, interval in intervals.items():
+                choice = cases[name].choice(response, interval)
+                earlier = choices.get(name)
+                if earlier is not None and earlier.cost >= choice.cost:
+                    choice = replace(earlier, error=max(earlier.error, choice.error))
+                choices[name] = choice
+    return _stepping(bodies.comm, cases, choices)
 
 
 def chosen_again(
     comm: MPI.Comm, cases: Cases, responses: Mapping[str, Response]
 ) -> dict[str, MechanicalProblem]:
     """The load cases, with steps chosen anew where those chosen before do not suffice."""
-    found: dict[str, StepChoice] = {}
+    choices: dict[str, StepChoice] = {}
     with on_every_rank(comm, "the choice of time steps"):
         for name, case in cases.items():
-            asked = case.integrator.chosen_for
-            if asked is None or responses[name].simulated is None:
+            tolerance = case.integrator.chosen_for
+            if tolerance is None or responses[name].simulated is None:
                 continue
-            interval = TimeInterval(case.integrator.end_time, asked)
+            interval = TimeInterval(case.integrator.end_time, tolerance)
             choice = case.choice(responses[name], interval)
             if choice.integrator != case.integrator:
-                found[name] = choice
-    return _stepping(comm, cases, found)
+                choices[name] = choice
+    return _stepping(comm, cases, choices)
 
 
 def _stepping(
-    comm: MPI.Comm, cases: Cases, found: Mapping[str, StepChoice]
+    comm: MPI.Comm, cases: Cases, choices: Mapping[str, StepChoice]
 ) -> dict[str, MechanicalProblem]:
     """The load cases with the steps that rank 0 has chosen for some of them, and prints."""
     stepping = dict(cases)
-    for name, choice in comm.bcast(dict(found)).items():
+    for name, choice in comm.bcast(dict(choices)).items():
         stepping[name] = cases[name].stepping(choice)
         if comm.rank == 0:
-            of = "" if len(cases) == 1 else f"load case {name!r}: "
-            print(f"dolfinx_ffr: {of}{choice}", file=sys.stderr)
+            prefix = "" if len(cases) == 1 else f"load case {name!r}: "
+            print(f"dolfinx_ffr: {prefix}{choice}", file=sys.stderr)
     return stepping
