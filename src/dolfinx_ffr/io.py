@@ -106,7 +106,6 @@ def read_history(path: str | Path) -> dict[str, Array]:
     """The columns of the history file at a ``path``, arrays of shape (iterations,) by name.
 
     Raises:
-        TypeError: If it is no path.
         FileNotFoundError: If there is no such file.
     """
     with open(validation.path("read_history: path", path), newline="") as file:

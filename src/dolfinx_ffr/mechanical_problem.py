@@ -179,9 +179,6 @@ class MechanicalProblem:
         >>> evaluation = problem.gradient({"rod": VolumeIntegrals.load("rod.npz")})
         >>> evaluation.psi, evaluation.integrals_gradient["rod"].K
 
-    Raises:
-        ValueError: If two constraints have the same name.
-
     Attributes:
         mechanism: Joints, motions, point masses, gravity.
         integrator: Time interval and steps; of a :class:`TimeInterval` they are chosen for the

@@ -90,10 +90,6 @@ def taylor_test(
         The order is about 2 for a right derivative, about 1 for a wrong one, infinite where the
         remainder vanishes to round-off at all steps (a linear function), and NaN where too few
         remainders stand clear of round-off to tell.
-
-    Raises:
-        ValueError: If the steps are not positive and decreasing, the shapes differ, or a value is
-            NaN or infinite.
     """
     point = np.asarray(x, dtype=np.float64)
     d = np.asarray(direction, dtype=np.float64)
@@ -150,9 +146,6 @@ def convergence_order(h: ArrayLike, errors: ArrayLike) -> float:
     """Order p of ``errors``, C times ``h`` to the power p, by least squares of the logarithms.
 
     Both have the shape (n,).
-
-    Raises:
-        ValueError: If there are fewer than two points or an entry is not positive.
     """
     x, y = np.asarray(h, dtype=np.float64), np.asarray(errors, dtype=np.float64)
     if x.shape != y.shape or x.ndim != 1 or x.size < 2:

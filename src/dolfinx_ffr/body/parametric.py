@@ -30,9 +30,6 @@ class ParametricBody:
         pullback: From parameters and the derivative of a number with respect to the integrals to
             that with respect to the parameters, shape (n,); instead of ``jacobian``, for many
             parameters.
-
-    Raises:
-        ValueError: If not exactly one of ``jacobian`` and ``pullback`` is given.
     """
 
     def __init__(
@@ -56,11 +53,7 @@ class ParametricBody:
         return integrals
 
     def pullback(self, parameters: ArrayLike, bar: VolumeIntegrals) -> Array:
-        """The derivative (n,) by the ``parameters`` (n,), from ``bar``, that by the integrals.
-
-        Raises:
-            ValueError: If a parameter is NaN or infinite, or the result has the wrong shape.
-        """
+        """The derivative (n,) by the ``parameters`` (n,), from ``bar``, that by the integrals."""
         p = _checked(parameters)
         if self._pullback is not None:
             out = np.asarray(self._pullback(p, bar), dtype=np.float64)

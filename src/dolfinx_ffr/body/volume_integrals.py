@@ -450,11 +450,7 @@ class VolumeIntegrals(Shown):
             )
 
     def leading(self, modes: int) -> VolumeIntegrals:
-        """Integrals of the same body with its first ``modes`` shape functions alone.
-
-        Raises:
-            ValueError: If the body has fewer.
-        """
+        """Integrals of the same body with its first ``modes`` shape functions alone."""
         if not 0 <= modes <= self.modes:
             raise ValueError(f"the body has {self.modes} shape functions, and not {modes}")
         n = modes + 1
@@ -543,11 +539,7 @@ class VolumeIntegrals(Shown):
         )
 
     def dot(self, other: VolumeIntegrals) -> float:
-        """Inner product over all entries of all arrays with ``other`` integrals, markers included.
-
-        Raises:
-            ValueError: If the two have different markers.
-        """
+        """Inner product with ``other`` integrals over all entries of all arrays and markers."""
         self._require_same_markers(other)
         total = self.mass * other.mass
         for key in self._arrays:

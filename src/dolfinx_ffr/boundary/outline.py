@@ -144,7 +144,6 @@ class Boundary:
             mirrors: Lines about which the part is its own mirror image, and stays it exactly.
 
         Raises:
-            TypeError: If an argument is of a wrong kind.
             ValueError: If a number is out of range, the part is in pieces or has lost an interface,
                 nothing of its boundary can move, a curve has no mirror image, a minimum member does
                 not fit into the body, or curves cross once they are smoothed.

@@ -165,7 +165,6 @@ class Surface:
                 0.8 members.
 
         Raises:
-            TypeError: If an argument is of a wrong kind.
             ValueError: If a number is out of range, the member is thicker than the body, the grid
                 is too fine, or no surface lies within the body.
 

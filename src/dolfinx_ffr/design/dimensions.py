@@ -213,9 +213,6 @@ class DimensionDesign(Variables):
         start: Values at the start by name; by default the middles between the bounds.
         order: Polynomial order of the displacements.
         interfaces: With ``gmsh.model`` the names of the physical groups that are interfaces.
-
-    Raises:
-        ValueError: If a bound is not finite or not below the other, or a start is outside.
     """
 
     each: ClassVar[str] = "dimension"

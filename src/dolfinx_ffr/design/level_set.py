@@ -497,9 +497,6 @@ class LevelSet(Design):
 
         Returns:
             Shape (n,) [m]; infinite, with the sign of f - 1/2, where there is no boundary.
-
-        Raises:
-            ValueError: If there is not one finite coefficient a knot, or a point is not finite.
         """
         u = self._check(variables)
         x = np.asarray(self.domain.centroids if points is None else points, dtype=np.float64)

@@ -59,9 +59,6 @@ class Evolution:
         volume: Upper bound of the filled share of the body's area, in (0, 1].
         band: Phi is kept within this many spacings of its zero line, so that a hole or a strut of
             that size can vanish within that many steps.
-
-    Raises:
-        ValueError: If the bound is out of range or below the share of the regions that stay solid.
     """
 
     def __init__(self, levelset: LevelSet, volume: float, *, band: float = 3.0) -> None:

@@ -34,9 +34,6 @@ SHARE = 0.02
 class Mirror:
     """A line in the plane of the body, in space a plane.
 
-    Raises:
-        ValueError: If the normal has no length, or a number is not finite.
-
     Attributes:
         point: On the line or plane, shape (dimension,) [m].
         normal: Perpendicular to it, of any length, shape (dimension,).

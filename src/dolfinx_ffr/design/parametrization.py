@@ -113,11 +113,7 @@ class Variables(ABC):
         return self.check(start)
 
     def check(self, start: ArrayLike) -> Array:
-        """``start`` as variables of shape (size,), within the bounds.
-
-        Raises:
-            ValueError: If it has another size or is not finite.
-        """
+        """``start`` as variables of shape (size,), within the bounds."""
         variables = finite_vector(start, self.size, "design", f"variables, one a {self.each}")
         return np.clip(variables, self.lower, self.upper)
 

@@ -382,9 +382,6 @@ class Trajectory(Shown):
         crank. The powers of several add up; where they brake, the power is negative. The force
         C_y^T lam of their rows on the bodies, of the opposite sign, moves with the velocities of
         these: P = -lam . (C_y v).
-
-        Raises:
-            ValueError: If a joint does not exist, or drives nothing.
         """
         for name in drives:
             if name not in self.model.drives:

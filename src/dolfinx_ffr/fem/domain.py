@@ -571,7 +571,6 @@ class Domain:
         that leaves it by round-off is taken as 0 or 1.
 
         Raises:
-            TypeError: If it holds something else than real numbers.
             ValueError: If the size is wrong, or a value is NaN or outside [0, 1].
         """
         with on_every_rank(self.comm, f"the check of the {name}"):

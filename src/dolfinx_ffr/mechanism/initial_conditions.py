@@ -128,9 +128,6 @@ class Assembled(Start):
     The corrections of position and angle, and of their velocities, are the smallest ones. First
     the undeformed bodies are put together, then the given deformation is made up for.
 
-    Raises:
-        ValueError: If an elastic coordinate is not a finite number.
-
     Attributes:
         elastic: Elastic coordinates at the start, shape (modes,), by name of the body; zero where
             not given.

@@ -46,11 +46,6 @@ class Ground:
 
     ``Ground()`` is the origin with the global axes, in the plane and in space.
 
-    Raises:
-        TypeError: If position, angle or rotation hold something else than numbers.
-        ValueError: If the position has not two components, in space three, or a number is NaN or
-            infinite.
-
     Attributes:
         position: Two components in the plane, three in space [m].
         angle: Angle of the marker's axes in the plane [rad].
@@ -112,9 +107,6 @@ class Ground:
 @dataclass(frozen=True)
 class Moving:
     """A marker that moves as prescribed.
-
-    Raises:
-        TypeError: If a coordinate is no Motion.
 
     Attributes:
         x: Motion of the position along x [m].
@@ -226,10 +218,6 @@ class Moving:
                 points along the radius, z along the axis.
             name: Name for messages.
             axis: Axis of the circle in space, in the global axes and of any length.
-
-        Raises:
-            TypeError: If the angle is no Motion, or center and radius hold no numbers.
-            ValueError: If a number is NaN or infinite.
         """
         length = validation.number(f"{name}: radius", radius)
         validation.instance(f"{name}: angle", angle, Motion, "a Motion")

@@ -50,10 +50,6 @@ class Motion:
     and the initial accelerations use them, and a wrong one spoils the accuracy without any other
     sign. :meth:`check` finds it.
 
-    Raises:
-        TypeError: If value, velocity or acceleration is no function.
-        ValueError: If a time of a jump is NaN or infinite.
-
     Attributes:
         value: c(t) [m or rad].
         velocity: First derivative of c [m/s or rad/s].
@@ -136,9 +132,6 @@ class Motion:
             sines: Amplitudes b_1, b_2, ... [m or rad]; of both the shorter list ends with zeros.
             mean: Mean value [m or rad].
             name: Name for messages and plots.
-
-        Raises:
-            ValueError: If the period is not positive, or a number is NaN or infinite.
         """
         period = validation.number("fourier: the period", period, above=0.0, unit="s")
         amplitudes = [
@@ -182,10 +175,6 @@ class Motion:
                 little shorter. None: no smoothing.
             name: Name for messages and plots.
 
-        Raises:
-            TypeError: If times or values are no numbers.
-            ValueError: If times do not increase, a number is NaN or infinite, there are too few
-                values, or ends, degree or smoothing have no meaning.
 
         The natural spline is that of I. J. Schoenberg, Proceedings of the National Academy of
         Sciences 52 (1964), doi:10.1073/pnas.52.4.947.
@@ -332,10 +321,6 @@ class Motion:
             inner: The argument of this motion over time, in the place of its time.
             jumps: Times at which the inner motion passes a jump of this one [s]. None: they are
                 found if the inner motion is a polynomial of degree 1, or this one has no jumps.
-
-        Raises:
-            TypeError: If inner is no Motion.
-            ValueError: If the times of jumps are needed, or are no such times.
         """
         validation.instance(f"motion {self.name!r} of", inner, Motion, "a Motion")
         what = f"motion {self.name!r} of {inner.name!r}: jumps"

@@ -57,7 +57,6 @@ class Parameters:
             "linear" or "log" of the steps of an optimiser (`mechanism.Parameter`).
 
     Raises:
-        TypeError: If an entry is no such tuple.
         ValueError: If none are given, or a value is not between its bounds, or these are not finite
             or not apart, or not positive with the scale "log".
     """
@@ -120,11 +119,7 @@ class Parameters:
         return {n: "lower" if low else "upper" for n, low, high in ends if low or high}
 
     def at(self, values: ArrayLike | Mapping[str, float]) -> Parameters:
-        """The same at other values: by name, those missing stay; or all, shape (size,).
-
-        Raises:
-            ValueError: If a name is not known, or a number is not finite or out of its bounds.
-        """
+        """The same at other values: by name, those missing stay; or all, shape (size,)."""
         if isinstance(values, Mapping):
             for name in values:
                 validation.choice("parameters: name", name, self.names)
@@ -191,7 +186,6 @@ class Parameters:
                 same parameters may make several load cases.
 
         Raises:
-            TypeError: If it is no function, or returns no mechanism.
             ValueError: If it has an argument that is no parameter, or there is no mechanism with
                 these values; the message says them.
         """

@@ -103,11 +103,7 @@ class Response(Shown):
 
     @property
     def trajectory(self) -> Trajectory:
-        """The trajectory.
-
-        Raises:
-            ValueError: If nothing was simulated.
-        """
+        """The trajectory."""
         if self.simulated is None:
             raise ValueError(
                 "there is no trajectory, which the objective needs: nothing was simulated"
@@ -175,7 +171,6 @@ class Derivatives(Shown):
         """The derivatives as arrays; ``what`` they are is said in errors.
 
         Raises:
-            TypeError: If a part is of a wrong kind.
             ValueError: If a part is with respect to something that the ``response`` lacks, has
                 another shape, or holds NaN or infinity.
         """
@@ -303,18 +298,11 @@ class Objective(ABC):
         """The number at a ``response``, the same on every rank.
 
         The response's trajectory is None for an objective that does not need it.
-
-        Raises:
-            ValueError: If a name does not exist; the message lists those that do.
         """
 
     @abstractmethod
     def derivatives(self, response: Response) -> Derivatives:
-        """Its partial derivatives with respect to the parts of a ``response``.
-
-        Raises:
-            ValueError: As :meth:`evaluate` does.
-        """
+        """Its partial derivatives with respect to the parts of a ``response``."""
 
     def calibrated(self, response: Response) -> Objective:
         """The objective corrected at a ``response``, where it stands for another number.
@@ -363,10 +351,6 @@ class Sum(Objective):
 
     Args:
         terms: Pairs of weight and objective.
-
-    Raises:
-        TypeError: If a term is no pair of a number and an objective.
-        ValueError: If there are no terms, or a weight is not a finite number.
     """
 
     def __init__(self, terms: Iterable[tuple[float, Objective]]) -> None:
@@ -419,9 +403,6 @@ class Constraint:
         g = (psi - upper) / |upper|     or     g = (lower - psi) / |lower|
 
     so that g is a number without unit; with a positive upper bound g = psi / upper - 1.
-
-    Raises:
-        ValueError: If there is not exactly one bound, or if it is zero, NaN or infinite.
 
     Attributes:
         objective: What is bounded.

@@ -34,10 +34,6 @@ class Combination(ABC):
     Args:
         weights: By name of the load case, not negative; one for each, or None, which stands for
             ones. A load case of weight zero counts by its constraints only.
-
-    Raises:
-        TypeError: If the weights are no mapping from names to numbers.
-        ValueError: If a weight is negative, or none is positive.
     """
 
     weights: Mapping[str, float] | None = None
@@ -58,11 +54,7 @@ class Combination(ABC):
         object.__setattr__(self, "weights", given)
 
     def check(self, load_cases: Iterable[str]) -> None:
-        """Refuse weights that do not fit the ``load_cases``, given by name.
-
-        Raises:
-            ValueError: If a name is not known, or has no weight.
-        """
+        """Refuse weights that do not fit the ``load_cases``, given by name."""
         names = list(load_cases)
         if self.weights is None:
             return
@@ -124,9 +116,6 @@ class PowerMean(Combination):
     Args:
         p: Exponent, at least 1, the weighted mean; about 8 comes near to the largest value.
         weights: As for every combination.
-
-    Raises:
-        ValueError: If p is below 1, a weight is negative, or none is positive.
     """
 
     p: float = field(default=8.0, kw_only=True)

@@ -92,9 +92,6 @@ class IntegralCompliance(_Compliance):
     steps, and with the weights of the method where that is Radau IIA (A. Held, S. Knüfer,
     R. Seifried, Multibody System Dynamics 40 (2017), doi:10.1007/s11044-016-9540-9).
 
-    Raises:
-        ValueError: If a weight is negative or not a finite number.
-
     Attributes:
         bodies: Names of the bodies that count; None takes all.
         weights: Weights by name of the body; 1 where none is given.
@@ -118,9 +115,6 @@ class PeakCompliance(_Compliance):
 
     With a power p of 1 it is the mean, and it tends to the maximum over time as p grows; it is
     never above the maximum. Large powers make the problem more nonlinear: 8 is a fair start.
-
-    Raises:
-        ValueError: If the power is below 1, or a weight is negative or not a finite number.
 
     Attributes:
         bodies: Names of the bodies that count; None takes all.

@@ -63,11 +63,6 @@ class JointForce(OfJoints, MeanOverTime):
     vectors of their forces on the frame: with all bearings of a machine the force by which it
     shakes its frame. Each must hold a body on the ground, or on a marker that moves as prescribed.
 
-    Raises:
-        ValueError: If the power is not above 1 or the window is not an interval; when the value is
-            asked for, if there is no such joint, it carries no moment, or one of several is not
-            between a body and the frame.
-
     Attributes:
         joint: Name of the joint, or names of several, whose parts add up.
         power: The power p, above 1.
@@ -153,10 +148,6 @@ class DrivePower(_OfDrives, MeanOverTime):
     power of all instants, and its derivatives are those of the mean, times the ratio of both: take
     p = 8, say.
 
-    Raises:
-        ValueError: If the power is not above 1 or the window is not an interval; when the value is
-            asked for, if there is no such joint or it drives nothing.
-
     Attributes:
         joint: Name of the joint, or names of several, whose parts add up.
         power: The power p, above 1.
@@ -195,11 +186,6 @@ class DriveWork(_OfDrives):
     with r = -1 braking costs as much as driving, int |P| dt. The root is |P|, rounded where the
     power changes its sign over e, a small part of the root mean square of P: psi is at most
     (1 - r)/2 e T too large, and usually far less.
-
-    Raises:
-        ValueError: If the share is not in [-1, 1], the rounding is not positive or the window is
-            not an interval; when the value is asked for, if there is no such joint or it drives
-            nothing.
 
     Attributes:
         joint: Name of the joint, or names of several, whose parts add up.

@@ -110,9 +110,6 @@ def marker_derivatives(
             space (steps + 1, 3); None if it does not depend on it.
         velocity: Likewise by `Trajectory.marker_velocity`.
         acceleration: Likewise by `Trajectory.marker_acceleration`.
-
-    Raises:
-        ValueError: If an array has another shape, or there is no such body or marker.
     """
     trajectory = response.trajectory
     moved_marker, state, motion = _moved(response, body, marker)
@@ -171,11 +168,6 @@ class PathTracking(_MarkerObjective):
 
     over the instants of the trajectory. With a window only a part of the motion counts,
     for instance its end, where a robot must come to rest.
-
-    Raises:
-        ValueError: If the window is not an interval; when the value is asked for, if the path or
-            the weight has the wrong shape or holds NaN, if the weight is negative anywhere, or a
-            name does not exist.
 
     Attributes:
         body: Name of the body.
@@ -272,10 +264,6 @@ class MarkerVelocity(_SquareOverTime):
     over the instants of the trajectory: with a window at its end, how much of a motion from rest to
     rest is left, or how fast a tool comes in.
 
-    Raises:
-        ValueError: If the window is not an interval; when the value is asked for, if a name does
-            not exist.
-
     Attributes:
         body: Name of the body.
         marker: Name of the marker.
@@ -297,10 +285,6 @@ class MarkerAcceleration(_SquareOverTime):
     square root over the duration is the root mean square of the acceleration. Where the mechanism
     gives the ground an acceleration, that of the marker counts relative to the ground.
 
-    Raises:
-        ValueError: If the window is not an interval; when the value is asked for, if a name does
-            not exist.
-
     Attributes:
         body: Name of the body.
         marker: Name of the marker.
@@ -321,10 +305,6 @@ class ResidualVibration(_SquareOverTime):
     or r_0 the given place of the stop: then psi is the error at the end of a cycle. With
     tau = 1 / omega a vibration with the frequency omega counts the same by place and by velocity,
     so that psi hardly depends on where the window cuts it.
-
-    Raises:
-        ValueError: If the window is not an interval, or the time is negative; when the value is
-            asked for, if a name does not exist, or the place has other components.
 
     Attributes:
         body: Name of the body.

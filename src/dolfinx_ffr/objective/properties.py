@@ -35,9 +35,6 @@ class _WithoutTrajectory(Objective):
 class Mass(_WithoutTrajectory):
     """Mass of a body [kg], without the point masses of the mechanism.
 
-    Raises:
-        ValueError: When the value is asked for, if the body does not exist.
-
     Attributes:
         body: Name of the body.
     """
@@ -78,7 +75,6 @@ class Volume(_WithoutTrajectory):
     verified it is the share of the body, or of its region, that the part fills.
 
     Raises:
-        TypeError: If the region is neither a function nor a mask.
         ValueError: If the body has no density, or the region does not fit its cells or holds none
             of them, when the problem is made.
 
@@ -180,11 +176,6 @@ class Frequency(_WithoutTrajectory):
 
     A single frequency has a kink where it meets its neighbour. The inverse mean of a cluster has
     none as long as it stays apart from others; for two to four it is close to the lowest.
-
-    Raises:
-        ValueError: If number or cluster is below one; when the problem is made, if the body does
-            not exist or has too few elastic coordinates; when the value is asked for, if a
-            frequency of the cluster is zero.
 
     Warns:
         UserWarning: If the derivative is asked for where the cluster touches its neighbour.

@@ -92,7 +92,6 @@ def move_boundary(
         The best boundaries, on every rank.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: If a number is out of range, a designed body has no boundary, psi is zero, or
             boundaries that are given cannot be meshed.
         SimulationError: If those parts cannot be simulated.

@@ -344,7 +344,6 @@ class Result(Shown):
             `terminated`, when nothing is computed or written.
 
         Raises:
-            TypeError: Before anything is computed, if the folder is no path.
             OSError: If a file cannot be written; before anything is computed, if the folder is a
                 file or another program writes there.
 

@@ -73,10 +73,6 @@ class GradientElements:
         >>> int(GradientElements(grid=0.04).select(rod).sum())
         10
 
-    Raises:
-        ValueError: If nothing is given, a band as well as a share, a length that is not positive,
-            or a share outside ]0, 1].
-
     Attributes:
         grid: Spacing of the grid [m]; its points lie in the middle of equal rectangles over the
             bounding box, and those in the body or within about one element of it take the nearest
@@ -108,10 +104,6 @@ class GradientElements:
 
         The signed or absolute ``distance`` of their centroids from the active boundary, shape
         (cells,) [m], is such as `LevelSet.distance`; None, or infinite in all cells: there is none.
-
-        Raises:
-            ValueError: If the distances do not fit the cells or are NaN, no cell is selected, or
-                the grid alone exceeds the share.
         """
         away = self._check(domain, distance)
         # arrays of the cells of all ranks
@@ -352,9 +344,6 @@ def gradient_errors(domain: Domain, gradient: Array, exact: Array, cells: Mask) 
 
     All arrays have shape (cells,) of this rank. The result is the same on every rank, and NaN where
     no element counts or the exact gradient is zero.
-
-    Raises:
-        ValueError: If an array has another shape, or holds NaN or infinity.
     """
     validation.instance("gradient errors: domain", domain, Domain, "a Domain")
     shape = (domain.n_cells,)

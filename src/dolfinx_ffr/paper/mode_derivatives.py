@@ -92,7 +92,6 @@ def mode_derivatives(
         batch: Elements whose systems are solved at once, each in a few displacement fields.
 
     Raises:
-        ValueError: For an unknown solver or a batch below one.
         RuntimeError: If a factor cannot be made, an iteration does not converge, or truncated modes
             have the frequency of a retained one.
     """

@@ -143,10 +143,6 @@ class ScatteredInterpolation:
         """At each point, its value less the interpolant through all other points.
 
         For ``values`` (n,) or (n, m), of the same shape. The cost is that of one inverse.
-
-        Raises:
-            ValueError: If there is not one finite value a point, or as many points as the
-                polynomial has coefficients.
         """
         v = self._check_values(values)
         fields, n = v.reshape(len(v), -1), len(v)

@@ -75,9 +75,6 @@ def plot_history(
         path: File to write.
         title: Heading.
         comm: Ranks that call this together.
-
-    Raises:
-        ValueError: If the history has none of these columns or no line.
     """
     path = style.writable(path, title)
     for what, bound in (("psi_solid", psi_solid), ("volume_bound", volume_bound)):
@@ -227,9 +224,6 @@ def plot_curves(
         path: File to write.
         title: Heading.
         comm: Ranks that call this together.
-
-    Raises:
-        ValueError: If there is no panel, or an abscissa does not fit its values.
     """
     path = style.writable(path, title)
     validation.name("plot_curves: xlabel", xlabel)

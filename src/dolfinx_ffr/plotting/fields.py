@@ -54,9 +54,6 @@ def plot_design(
     The ``domain`` has the mesh and the interfaces of the body; ``x`` is one density in [0, 1] for
     each cell owned by this rank, shape (cells,), or several designs by title. The file ``path``
     gets a ``title``.
-
-    Raises:
-        ValueError: If a density is not usable.
     """
     path = style.writable(path, title)
     validation.instance("plot_design: domain", domain, Domain, "a Domain")
@@ -105,9 +102,6 @@ def plot_gradient_elements(
     The ``selections`` are, by heading, a design (cells,) in [0, 1] and which elements are selected
     (cells,), both for the cells of the ``domain`` owned by this rank. The file ``path`` gets a
     ``title``.
-
-    Raises:
-        ValueError: If a design does not fit the domain.
     """
     path = style.writable(path, title)
     validation.instance("plot_gradient_elements: domain", domain, Domain, "a Domain")
@@ -157,9 +151,6 @@ def plot_stress(
         solid: Cells that are drawn, shape (cells,); by default those of the worst case, or all.
         path: File to write.
         title: Heading.
-
-    Raises:
-        ValueError: If an array does not have one finite value a cell, or no cell is solid.
     """
     path = style.writable(path, title)
     validation.instance("plot_stress: domain", domain, Domain, "a Domain")

@@ -69,9 +69,6 @@ def plot_scene(
             magnified by a round number that makes it visible.
         path: File to write.
         title: Heading.
-
-    Raises:
-        ValueError: If the colour is not known, or the time outside the simulation.
     """
     path = style.writable(path, title)
     _check("plot_scene", problem, evaluation)

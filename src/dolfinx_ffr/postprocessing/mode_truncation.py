@@ -58,7 +58,6 @@ def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
             damping proportional to stiffness it is one of the steps.
 
     Raises:
-        ValueError: If nothing was simulated.
         SimulationError: If the motion with more modes cannot be computed.
     """
     trajectories_of(problem, evaluation, "mode_error")
@@ -92,7 +91,6 @@ def propose_modes(
             holds, and take the places of others.
 
     Raises:
-        ValueError: If nothing was simulated.
         SimulationError: If the motion with another number of modes cannot be computed.
         RuntimeError: If modes cannot be counted.
     """

@@ -74,7 +74,6 @@ class Problem(LoadCases):
         constraints: Bounds on further objectives, for optimisers that take several.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: If there are neither densities nor parameters, two constraints have the same
             name, or an objective depends on the density of a body that has none.
         MemoryError: If the trajectory would take more memory than a machine has.
@@ -114,7 +113,6 @@ class Problem(LoadCases):
             combine: How the objectives become one; by default their sum, `WeightedSum()`.
 
         Raises:
-            TypeError: If an argument is of a wrong kind.
             ValueError: As for one load case; and if a mechanism names a body that is not there, or
                 the weights do not fit the load cases.
             MemoryError: If the trajectories would take more memory than a machine has.
@@ -182,11 +180,7 @@ class Problem(LoadCases):
             checked_memory(self._designed, self.load_cases, self._memory, adjoint=False)
 
     def alone(self, load_case: str) -> Self:
-        """The problem of one ``load_case``, by its name, for `Evaluation.alone`.
-
-        Raises:
-            ValueError: If there is no load case of this name.
-        """
+        """The problem of one ``load_case``, by its name, for `Evaluation.alone`."""
         validation.choice("problem: load case", load_case, self.load_cases)
         return self.of_load_cases(self.bodies, {load_case: self.load_cases[load_case]})
 
@@ -259,11 +253,7 @@ class Problem(LoadCases):
                 check_influence(self.load_cases, given)
 
     def with_modes(self, modes: Mapping[str, int]) -> Self:
-        """The same problem with other numbers of normal ``modes``, by name of the body.
-
-        Raises:
-            ValueError: If a name is not that of a flexible body, or a number is out of range.
-        """
+        """The same problem with other numbers of normal ``modes``, by name of the body."""
         validation.by_name("problem: modes", modes, "numbers of modes")
         unknown = sorted(set(modes) - set(self.flexible))
         if unknown:
@@ -376,7 +366,6 @@ class Problem(LoadCases):
                 problem count (see `at`).
 
         Raises:
-            TypeError: If a density holds something else than real numbers.
             ValueError: If a density has the wrong size, is NaN or leaves [0, 1], or if a body has
                 no mass.
             SimulationError: If the trajectory cannot be computed, or there is no mechanism with the

@@ -69,11 +69,7 @@ class ReducedBody(Shown):
     law: str = field(default="", repr=False, compare=False)
 
     def leading(self, shapes: int) -> ReducedBody:
-        """The same body with its first ``shapes`` shape functions, constraint modes first.
-
-        Raises:
-            ValueError: If the body has fewer, or more constraint modes.
-        """
+        """The same body with its first ``shapes`` shape functions, constraint modes first."""
         k = self.basis.n_constraint
         if shapes < k:
             raise ValueError(f"the body has {k} constraint modes, and cannot keep {shapes} shapes")
@@ -271,7 +267,6 @@ class FlexibleBody:
             x: One density for each cell owned by this rank, shape (cells,), in [0, 1].
 
         Raises:
-            TypeError: If the density holds something else than real numbers.
             ValueError: If the density has the wrong size, is NaN or leaves [0, 1], or if the body
                 has no mass.
             RuntimeError: If a solver fails.

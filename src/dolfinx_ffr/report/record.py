@@ -118,9 +118,6 @@ def run_record(
 
     Returns:
         Numbers, texts, lists and mappings that JSON can hold, the same on every rank.
-
-    Raises:
-        ValueError: If ``parts`` or ``volume`` name a body that has no density.
     """
     validation.instance("run_record: result", result, Result, "what optimize() returned")
     validation.instance("run_record: title", title, str, "a text")

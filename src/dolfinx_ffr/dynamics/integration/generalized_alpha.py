@@ -44,9 +44,6 @@ class GeneralizedAlpha(Integrator):
         integration methods for constrained mechanical systems, Numerische Mathematik 129 (2015),
         doi:10.1007/s00211-014-0633-1.
 
-    Raises:
-        ValueError: If a number is out of range.
-
     Attributes:
         end_time: Duration of the simulation, which starts at zero [s].
         chosen_for: Relative error of an objective for which a `TimeInterval` chose these steps,

@@ -94,9 +94,6 @@ class RadauIIA(Integrator):
         >>> trajectory.error  # estimate of what was reached
         >>> again = RadauIIA(2.0, steps=trajectory.step_ends)  # the same steps for other bodies
 
-    Raises:
-        ValueError: If a number is out of range.
-
     Attributes:
         end_time: Duration of the simulation, which starts at zero [s].
         chosen_for: Relative error of an objective for which a `TimeInterval` chose these steps,

@@ -112,9 +112,6 @@ class TimeInterval(Integrator):
         >>> problem.integrator
         RadauIIA(end_time=2.0, ..., steps=50)
 
-    Raises:
-        ValueError: If a number is out of range.
-
     Attributes:
         end_time: Duration of the simulation, which starts at zero [s].
         chosen_for: Relative error of an objective for which a `TimeInterval` chose these steps,
