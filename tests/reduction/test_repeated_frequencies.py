@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -107,7 +108,8 @@ def test_count_below() -> None:
 
 def test_modes_that_cannot_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where SLEPc's search and the count disagree in the end, that is an error and no guess."""
-    monkeypatch.setattr(normal_modes, "MOST", -1000)  # vectors of a space with a certificate
+    without_certificate = replace(normal_modes.SEARCH, most=-1000)
+    monkeypatch.setattr(normal_modes, "SEARCH", without_certificate)
     count = FactoredBody.count_below
     monkeypatch.setattr(FactoredBody, "count_below", lambda *args: count(*args) + 1)
     body = reduction(BODIES["coarse square"](MPI.COMM_SELF), 5)
@@ -134,7 +136,7 @@ def test_the_same_on_several_ranks(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch, name: str, modes: int, most: int
 ) -> None:
     """Noise finds further copies, or SLEPc where spaces are small; all ranks go the same way."""
-    monkeypatch.setattr(normal_modes, "MOST", most)
+    monkeypatch.setattr(normal_modes, "SEARCH", replace(normal_modes.SEARCH, most=most))
     alone = reduction(BODIES[name](MPI.COMM_SELF), 1)
     exact = all_eigenvalues(alone, factor(alone))
     shared = reduction(BODIES[name](comm), modes, tolerance=1e-6)

@@ -27,18 +27,24 @@ from ..limits import MOST_CELLS, MOST_CURVES, check_count
 from .curves import Arc, Curve, CurveError, Line, Spline, enclosed
 
 _numbers = count()
-#: Smallest Jacobian determinant of a curved cell over that of the straight cell
-_FLATTEST = 0.2
-#: Memory that gmsh takes for a triangle, at least [bytes]
-_BYTES = 800
-#: How much sizes grow by the distance from a narrow member, of which so many are looked at
-_GROWTH, _NEAREST = 0.3, 8
-#: How often cells next to straightened ones are looked at again
-_ROUNDS = 10
-#: A curve turns by so much along one cell, at most [rad], and points along it for each break
-_BEND, _POINTS = 0.8, 16
-#: That along one cell of an arc: of a mesh of straight cells, too, a part has the arc again
-_BEND_OF_ARCS = 0.6
+
+
+@dataclass(frozen=True)
+class MeshingOptions:
+    """Cells along curves, and sizes of triangles beside narrow members."""
+
+    turn: float = 0.8  #: Largest turn of a curve along one cell [rad]
+    #: That of an arc: of a mesh of straight cells, too, a part has the arc again [rad]
+    turn_of_arcs: float = 0.6
+    points: int = 16  #: Points along a curve for each of its breaks, by which its turn is known
+    flattest: float = 0.2  #: Smallest Jacobian determinant of a curved cell over the straight one's
+    rounds: int = 10  #: How often cells next to straightened ones are looked at again
+    growth: float = 0.3  #: Growth of sizes by the distance from a narrow member [m/m]
+    nearest: int = 8  #: Narrow members that are looked at for the size of a triangle
+    memory: int = 800  #: That gmsh takes for a triangle, at least [bytes]
+
+
+MESHING = MeshingOptions()
 
 
 @dataclass(frozen=True)
@@ -182,7 +188,7 @@ def _divided(curve: Curve, size: float, local: LocalSizes | None) -> _Divided:
     """A curve in cells of a size, or smaller, along each of which it turns little."""
     finest = size if local is None else min(size, float(np.min(local.sizes)))
     breaks = curve.breaks()
-    per_span = math.ceil(_POINTS + 2.0 * curve.length / finest / (len(breaks) - 1))
+    per_span = math.ceil(MESHING.points + 2.0 * curve.length / finest / (len(breaks) - 1))
     spans = np.arange(len(breaks))
     t = np.interp(np.arange(spans[-1] * per_span + 1) / per_span, spans, breaks)
     side = np.diff(curve.at(t), axis=0)
@@ -195,7 +201,7 @@ def _divided(curve: Curve, size: float, local: LocalSizes | None) -> _Divided:
     cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
     bent = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:])))
     turn = 0.5 * (np.r_[bent, 0.0] + np.r_[0.0, bent])
-    largest_turn = _BEND_OF_ARCS if isinstance(curve, Arc) else _BEND
+    largest_turn = MESHING.turn_of_arcs if isinstance(curve, Arc) else MESHING.turn
     counted = np.cumsum(np.r_[0.0, np.maximum(length / sizes, turn / largest_turn)])
     # two curves with the same ends do not become the same chord
     n = max(math.ceil(counted[-1] * (1.0 - 1e-9)), 1 if isinstance(curve, Line) else 3)
@@ -261,8 +267,8 @@ def _bend(model: Any, divided: Sequence[_Divided]) -> None:
     )
     _, nearest = cKDTree(chords).query(x[middles, :2])
     x[middles, :2] = np.vstack([cells_of_curve.middles for cells_of_curve in divided])[nearest]
-    for _ in range(_ROUNDS):
-        folded = _flattest(x[nodes][:, :, :2]) < _FLATTEST
+    for _ in range(MESHING.rounds):
+        folded = _flattest(x[nodes][:, :, :2]) < MESHING.flattest
         if not np.any(folded):
             break
         middle = nodes[folded, 3:].ravel()
@@ -298,7 +304,7 @@ def check_size(
     # equilateral ones, and at least one at each piece of the boundary
     count = 4.0 / math.sqrt(3.0) * (area / size / size) + around / size
     things, remedy = f"triangles of {size:.4g} m", f"give a larger size [m]{hint}"
-    check_count(subject, count, things, remedy, each=_BYTES, most=largest)
+    check_count(subject, count, things, remedy, each=MESHING.memory, most=largest)
 
 
 def walked(curves: Sequence[Curve], loop: Sequence[tuple[int, bool]]) -> list[Curve]:
@@ -323,9 +329,9 @@ class LocalSizes:
 
     def at(self, points: Array) -> Array:
         """Sizes at points (n, 2), not yet bounded by the smallest and the largest one [m]."""
-        nearest = np.arange(min(_NEAREST, len(self.sizes))) + 1
+        nearest = np.arange(min(MESHING.nearest, len(self.sizes))) + 1
         distance, neighbours = self._tree.query(points, k=nearest)
-        return np.asarray(np.min(self.sizes[neighbours] + _GROWTH * distance, axis=1))
+        return np.asarray(np.min(self.sizes[neighbours] + MESHING.growth * distance, axis=1))
 
 
 def mesh_faces(

@@ -8,6 +8,7 @@ that is wider than the material beside it ends at the outline.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -21,19 +22,25 @@ from .faces import directed_loops, nested, ring
 from .interface import nearest_circle
 from .plane_mesh import Drawing, Face, walked
 
-#: What is left between a rim and the outline belongs to the rim if it is no wider, and curves that
-#: end as near to a node as that share it, both in widths of the rim
-_LEFT, _NEAR = 0.05, 0.01
-#: Ways along an offset curve from where it comes that near to the outline to where it crosses it:
-#: if it takes a longer one, it runs along the outline; in widths that are left
-_CROSSES = 4.0
-#: Sides of a quarter of a circle by which offset curves are found, fewest vertices of a polygon
-#: that is a circle, and their accuracy, in radii
-_SIDES, _FEWEST, _ROUND = 96, 10, 1e-5
-#: Angle from which on an offset curve has a corner [rad], and points of a spline along a width
-_CORNER, _POINTS = 0.2, 8.0
-#: Accuracy of the polygons that stand for curves, in widths of the rim
-_FINE = 1e-4
+
+@dataclass(frozen=True)
+class RimOptions:
+    """Accuracy of rims, in widths of the rim where nothing else is said."""
+
+    leftover: float = 0.05  #: What is left between a rim and the outline, and belongs to the rim
+    shared_node: float = 0.01  #: Distance from a node of curves that end there
+    #: Length of an offset curve from where it comes that near to the outline to where it crosses
+    #: it, in leftovers: if it is longer, it runs along the outline
+    crossing: float = 4.0
+    fine: float = 1e-4  #: Accuracy of the polygons that stand for curves
+    sides: int = 96  #: Of a quarter of a circle by which offset curves are found
+    fewest: int = 10  #: Vertices of a polygon that is a circle
+    round: float = 1e-5  #: Accuracy of such a circle [radii]
+    corner: float = 0.2  #: Angle from which on an offset curve has a corner [rad]
+    points: float = 8.0  #: Points of a spline along a width
+
+
+RIM = RimOptions()
 
 
 def with_rims(
@@ -44,7 +51,7 @@ def with_rims(
     The cells along each curve have the ``vertices`` (n + 1, 2) [m], and ``is_held`` (n,) is the
     mask of those along an interface.
     """
-    fine = _FINE * width
+    fine = RIM.fine * width
     lines = [
         line
         for curve, x, on in zip(drawing.curves, vertices, is_held, strict=True)
@@ -55,7 +62,7 @@ def with_rims(
     zone = _zone(lines, width)
     body = shapely.union_all([_shape(drawing.curves, face.loops, fine) for face in drawing.faces])
     divided = _Divided(drawing, width)
-    for line in _inside(zone, body, _LEFT * width):
+    for line in _inside(zone, body, RIM.leftover * width):
         divided.add(shapely.get_coordinates(line))
     return divided.drawing(zone)
 
@@ -76,18 +83,18 @@ def _zone(lines: Sequence[shapely.LineString], width: float) -> shapely.Geometry
     for line in shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines))):
         circle = _circle(shapely.get_coordinates(line)) if line.is_closed else None
         if circle is None:
-            zones.append(line.buffer(width, quad_segs=_SIDES))
+            zones.append(line.buffer(width, quad_segs=RIM.sides))
             continue
         center, radius = shapely.Point(circle[0]), circle[1]
-        around = center.buffer(radius + width, quad_segs=_SIDES)
+        around = center.buffer(radius + width, quad_segs=RIM.sides)
         if radius > width:
-            around = around.difference(center.buffer(radius - width, quad_segs=_SIDES))
+            around = around.difference(center.buffer(radius - width, quad_segs=RIM.sides))
         zones.append(around)
     return shapely.union_all(zones)
 
 
 def _circle(x: Array) -> tuple[Array, float] | None:
-    return nearest_circle(x, _ROUND) if len(x) > _FEWEST else None
+    return nearest_circle(x, RIM.round) if len(x) > RIM.fewest else None
 
 
 def _shape(
@@ -111,7 +118,7 @@ def _inside(
             crossing = _lines(edge.intersection(body))
             for line in _lines(edge.intersection(deep)):
                 if line.length > depth:
-                    yield _to_the_outline(line, crossing, _CROSSES * depth)
+                    yield _to_the_outline(line, crossing, RIM.crossing * depth)
 
 
 def _lines(geometry: shapely.Geometry) -> list[shapely.LineString]:
@@ -141,7 +148,7 @@ class _Divided:
 
     def __init__(self, drawing: Drawing, width: float) -> None:
         self._given, self._width = drawing, width
-        self._fine, self._near = _FINE * width, _NEAR * width
+        self._fine, self._near = RIM.fine * width, RIM.shared_node * width
         self._lines = [shapely.LineString(curve.points(self._fine)) for curve in drawing.curves]
         #: Where curves of the outline are cut: parameter, node and its place
         self._cuts: list[list[tuple[float, int, Array]]] = [[] for _ in drawing.curves]
@@ -193,7 +200,7 @@ class _Divided:
 
     def _curve(self, x: Array) -> Curve:
         """A line, an arc or a spline along points (n, 2) of a smooth curve."""
-        inner = x[1:-1] if len(x) > _FEWEST + 2 else x
+        inner = x[1:-1] if len(x) > RIM.fewest + 2 else x
         chord = x[-1] - x[0]
         away = np.abs((x - x[0]) @ np.array([-chord[1], chord[0]]))
         if np.all(away <= self._fine * np.hypot(*chord)) and np.any(chord):
@@ -206,7 +213,7 @@ class _Divided:
                 return Arc(x[0], x[0], circle[0], float(np.sign(sweep)) * 2.0 * np.pi)
             return Arc(x[0], x[-1], circle[0], sweep).moved(x[0], x[-1])
         along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
-        count = max(4, int(_POINTS * along[-1] / self._width))
+        count = max(4, int(RIM.points * along[-1] / self._width))
         samples = np.linspace(0.0, along[-1], count)
         points = np.column_stack([np.interp(samples, along, x[:, k]) for k in (0, 1)])
         points[0], points[-1] = x[0], x[-1]
@@ -245,7 +252,7 @@ class _Divided:
         for nest in nested([[around[k] for k in loop] for loop in loops], self._fine):
             face_loops = [[sides[k] for k in loops[n]] for n in nest]
             shape = _shape(curves, face_loops, self._fine)
-            thin = shape.buffer(-0.5 * _LEFT * self._width).is_empty
+            thin = shape.buffer(-0.5 * RIM.leftover * self._width).is_empty
             solid = thin or shape.intersection(zone).area > 0.5 * shape.area
             faces.append(Face("solid" if solid else "design", face_loops))
         return Drawing(curves, nodes, groups, faces)
@@ -256,7 +263,7 @@ def _corners(x: Array) -> Array:
     side = np.diff(x, axis=0)
     cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
     turn = np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:]))
-    return np.asarray(1 + np.flatnonzero(np.abs(turn) > _CORNER))
+    return np.asarray(1 + np.flatnonzero(np.abs(turn) > RIM.corner))
 
 
 def _nearest(curve: Curve, point: Array, fine: float) -> float:

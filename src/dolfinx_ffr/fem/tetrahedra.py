@@ -50,20 +50,28 @@ _RED = np.array(
         [[0, 2], [1, 2], [1, 3], [2, 3]],
     ]
 )
-#: Most tetrahedra of a body: a part that is cut out of them has fewer than 2^21 points, so that
-#: three numbers of points make one of 64 bits
-_MOST = 8_000_000
-#: Parts of a cell along an axis at most; ratio of a part's edges below which it is as long as wide;
-#: and how many times more tetrahedra than the one before it a finer division has at least
-_PARTS, _ALIKE, _FINER = 100, np.sqrt(2.0), 1.6
-#: Factors by which three numbers below 2^21 make one
-_KEY = np.array([2**42, 2**21, 1])
-#: Steps in which coordinates are told apart, over the size of the body
-_STEPS = 2**20
 if TYPE_CHECKING:
     import pyvista
 
 
+@dataclass(frozen=True)
+class CuttingOptions:
+    """How cells are cut into tetrahedra."""
+
+    #: Tetrahedra of a body, at most: a part that is cut out of them has fewer than 2^21 points, so
+    #: that three numbers of points make one of 64 bits
+    most: int = 8_000_000
+    most_along: int = 100  #: Parts of a cell along an axis, at most
+    alike: float = math.sqrt(2.0)  #: Ratio of a part's edges below which it is as long as wide
+    #: How many times more tetrahedra than the one before it a finer division has, at least
+    finer: float = 1.6
+
+
+CUTTING = CuttingOptions()
+#: Factors by which three numbers below 2^21 make one
+_KEY = np.array([2**42, 2**21, 1])
+#: Steps in which coordinates are told apart, over the size of the body
+_STEPS = 2**20
 #: Corners of a cell of DOLFINx in the order of VTK
 CORNERS = {"tetrahedron": [0, 1, 2, 3], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
 #: Distance of points that are one, relative to the size of the body
@@ -186,10 +194,10 @@ class Tetrahedra:
     def check(domain: Domain, finer: int) -> None:
         """Refuse more tetrahedra than can be cut."""
         count = domain.n_cells_global * Tetrahedra.each(domain, finer)
-        if count > _MOST:
+        if count > CUTTING.most:
             raise ShapeError(
-                f"solid: {count:,} tetrahedra are more than the {_MOST:,} that can be cut; ask for "
-                "a larger size or fewer meshes"
+                f"solid: {count:,} tetrahedra are more than the {CUTTING.most:,} that can be "
+                "cut; ask for a larger size or fewer meshes"
             )
 
     @staticmethod
@@ -279,21 +287,23 @@ def _divisions(edges: tuple[float, ...]) -> list[tuple[tuple[int, int, int], boo
     Cells are divided into parts as long as wide, as far as that goes.
     """
     longer = np.array(edges) / min(edges)
-    ends = np.concatenate([(np.arange(1, _PARTS) + 0.5) / edge_ratio for edge_ratio in longer])
+    ends = np.concatenate(
+        [(np.arange(1, CUTTING.most_along) + 0.5) / edge_ratio for edge_ratio in longer]
+    )
     scales = np.unique(np.round(ends, 9))
     counts = np.maximum(1, np.floor(scales[:, None] * longer + 0.5 + 1e-6)).astype(int)
     candidates = []
     for counts_of_cell in np.unique(np.vstack([np.ones((1, 3), dtype=int), counts]), axis=0):
         edges_of_part = longer / counts_of_cell
         aspect = float(edges_of_part.max() / edges_of_part.min())
-        if np.all(counts_of_cell == 1) or aspect < _ALIKE:
+        if np.all(counts_of_cell == 1) or aspect < CUTTING.alike:
             candidates += [
                 (math.prod(counts_of_cell) * (1 + f), aspect, tuple(counts_of_cell.tolist()), f)
                 for f in (0, 1)
             ]
     divisions, last_count = [], 0.0
     for count, _, counts_of_cell, with_faces in sorted(candidates):
-        if count > _FINER * last_count:
+        if count > CUTTING.finer * last_count:
             divisions.append((counts_of_cell, bool(with_faces)))
             last_count = count
     return divisions

@@ -17,6 +17,7 @@ References:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from petsc4py import PETSc
@@ -28,15 +29,21 @@ from scipy.linalg import blas
 from ..fem import Array, Block, Elasticity
 from .factored_body import FactoredBody
 
-#: Norm of a direction, relative to the largest of its block, from which it is taken at once, exact
-#: to round-off times the square of this; the rest is looked at again.
-CLEAR = 1e-3
-#: Norm of a direction, relative to the fields from which it remains, below which it is round-off
-NOTHING = 1e-13
-#: Looks at a block, each for directions that are smaller by `CLEAR`
-LOOKS = 6
-#: Fields for which there is room at first: what is not written to takes no memory
-ROOM = 80
+
+@dataclass(frozen=True)
+class BasisOptions:
+    """How a block of fields is made orthonormal."""
+
+    #: Norm of a direction, relative to the largest of its block, from which it is taken at once,
+    #: exact to round-off times the square of this; the rest is looked at again
+    clear: float = 1e-3
+    looks: int = 6  #: Looks at a block, each for directions that are smaller by `clear`
+    #: Norm of a direction, relative to the fields from which it remains, that is round-off
+    round_off: float = 1e-13
+    room: int = 80  #: Fields of the first allocation: what is not written to takes no memory
+
+
+BASIS = BasisOptions()
 
 
 class KrylovSpace:
@@ -57,7 +64,7 @@ class KrylovSpace:
     ) -> None:
         self._factored = factored
         self._without = None if without is None else tuple(map(np.asfortranarray, without))
-        self._basis = np.empty((len(start), ROOM), order="F")
+        self._basis = np.empty((len(start), BASIS.room), order="F")
         self._images: list[Block] = []  # K^-1 M times the blocks of the basis
         self.size = 0  # number of fields of the basis
         self._before = self._last = 0  # where the last two blocks begin
@@ -138,7 +145,7 @@ class KrylovSpace:
         """
         elasticity, mass = self._factored.elasticity, self._factored.clamped_mass
         coefficients = [np.zeros((0, remainder.shape[1]))]
-        for _ in range(LOOKS):
+        for _ in range(BASIS.looks):
             # round-off along what is there would grow
             if self._without is not None:
                 fields, masses = self._without
@@ -150,7 +157,7 @@ class KrylovSpace:
             gram, shares, directions, clear = self._directions(image, remainder, floor)
             largest = float(np.sqrt(shares[-1]))
             scale = max(scale, largest, float(np.linalg.norm(along)))
-            if largest <= max(NOTHING * scale, floor):
+            if largest <= max(BASIS.round_off * scale, floor):
                 break
             factors = directions[:, clear] / np.sqrt(shares[clear])
             coefficients.append(factors.T @ gram)
@@ -167,7 +174,7 @@ class KrylovSpace:
         # all ranks must take the same directions
         shares, directions = elasticity.decided(np.linalg.eigh(gram))
         shares = np.maximum(shares, 0.0)
-        return gram, shares, directions, shares > max(CLEAR**2 * shares[-1], floor**2)
+        return gram, shares, directions, shares > max(BASIS.clear**2 * shares[-1], floor**2)
 
     def _store(self, remainder: Block, factors: Array) -> Block:
         """Add combinations of fields; the combinations."""

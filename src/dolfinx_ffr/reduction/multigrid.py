@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from petsc4py import PETSc
@@ -27,14 +28,20 @@ from .direct_solver import LinearSolver, SharedFactor, check_memory, factor_pack
 from .eigenpairs import by_columns
 from .lobpcg import lobpcg
 
-#: Degree of a smoother's polynomial
-DEGREE = 3
-#: Iterations for the largest eigenvalue of the scaled matrix of a level, and a factor of safety
-POWER_ITERATIONS, MARGIN = 15, 1.1
-#: Iterations after which conjugate gradients give up: a factor, if it fits, is made in less time
-MAX_ITERATIONS = 500
-#: Tolerance of solutions, relative to that of modes and adjoints
-SHARE = 1e-2
+
+@dataclass(frozen=True)
+class MultigridOptions:
+    """Cycles of multigrid, and conjugate gradients with them."""
+
+    degree: int = 3  #: Of a smoother's polynomial
+    power_iterations: int = 15  #: For the largest eigenvalue of the scaled matrix of a level
+    margin: float = 1.1  #: Factor of safety of this eigenvalue
+    #: Iterations after which conjugate gradients give up: a factor, if it fits, takes less time
+    max_iterations: int = 500
+    tolerance_share: float = 1e-2  #: Tolerance of solutions, relative to that of modes and adjoints
+
+
+MULTIGRID = MultigridOptions()
 
 
 class MultigridSolver(LinearSolver):
@@ -42,7 +49,7 @@ class MultigridSolver(LinearSolver):
 
     def __init__(self, elasticity: Elasticity, clamped: Mask, tolerance: float) -> None:
         self._elasticity = elasticity
-        self._tolerance = SHARE * tolerance
+        self._tolerance = MULTIGRID.tolerance_share * tolerance
         self._systems = coarse_systems(elasticity, clamped)
         self._free = self._systems.rows
         self._stiffness: PETSc.Mat | None = None
@@ -107,7 +114,7 @@ class MultigridSolver(LinearSolver):
         direction = preconditioned(residual)
         size = products(residual, direction)
         enough = self._tolerance**2 * size
-        for iteration in range(MAX_ITERATIONS):
+        for iteration in range(MULTIGRID.max_iterations):
             if not np.all(size >= -enough):  # NaN, or no positive definite preconditioner
                 return None, iteration
             keep = size > enough
@@ -124,7 +131,7 @@ class MultigridSolver(LinearSolver):
             previous_size, size = size, products(residual, cycled)
             direction *= size / previous_size
             direction += cycled
-        return None, MAX_ITERATIONS
+        return None, MULTIGRID.max_iterations
 
     def solve_shifted(
         self,
@@ -234,11 +241,11 @@ class _Level:
         diagonal.destroy()
         rows = np.arange(*matrix.getOwnershipRange())[:, None]
         fields, largest = np.sin(rows * np.array([1.0, 2.6])) + 0.1, np.ones(1)
-        for _ in range(POWER_ITERATIONS):
+        for _ in range(MULTIGRID.power_iterations):
             fields = self._scale * _product(matrix, fields)
             largest = np.sqrt(sum_(np.einsum("ij,ij->j", fields, fields)))
             fields = fields / largest
-        self._largest = MARGIN * float(np.max(largest))
+        self._largest = MULTIGRID.margin * float(np.max(largest))
 
     def smooth(
         self, solution: Block | None, residual: Block, *, last: bool = False
@@ -246,11 +253,11 @@ class _Level:
         """Better solutions than ``solution`` (None: zero), and their residuals unless ``last``."""
         change = np.zeros_like(residual)
         solution = np.zeros_like(residual) if solution is None else solution.copy(order="F")
-        for k in range(1, DEGREE + 1):
+        for k in range(1, MULTIGRID.degree + 1):
             change *= (2 * k - 3) / (2 * k + 1)
             change += (8 * k - 4) / (2 * k + 1) / self._largest * self._scale * residual
             solution += change
-            if k < DEGREE or not last:
+            if k < MULTIGRID.degree or not last:
                 residual = residual - _product(self.matrix, change)
         return solution, residual
 

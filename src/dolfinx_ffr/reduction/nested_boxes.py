@@ -9,6 +9,7 @@ on whose ranks they are. Between them displacements are linear along each axis, 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from petsc4py import PETSc
 
@@ -17,13 +18,19 @@ import numpy as np
 from ..arrays import Array, Integers, Mask
 from ..fem import Elasticity
 
-#: Relative difference of coordinates up to which nodes stand on one plane
-SAME = 1e-8
-#: Least number of planes across which is halved: with fewer the coarse boxes are too stiff in
-#: bending
-LEAST = 5
-#: Ratio of pitches up to which axes are alike
-ALIKE = 1.5
+
+@dataclass(frozen=True)
+class LatticeOptions:
+    """What is a lattice, and how far it is made coarser."""
+
+    same_plane: float = 1e-8  #: Relative difference of coordinates of nodes on one plane
+    #: Least number of planes across which is halved: with fewer the coarse boxes are too stiff in
+    #: bending
+    least_planes: int = 5
+    alike_pitches: float = 1.5  #: Ratio of pitches up to which axes are halved together
+
+
+LATTICE = LatticeOptions()
 
 
 def interpolations(elasticity: Elasticity, clamped: Mask) -> list[PETSc.Mat] | None:
@@ -41,8 +48,8 @@ def interpolations(elasticity: Elasticity, clamped: Mask) -> list[PETSc.Mat] | N
     while True:
         # elements that are longer along an axis couple less there: first the others get as long
         pitches = np.array([np.ptp(p) / (len(p) - 1) for p in planes])
-        halved = pitches <= ALIKE * pitches.min()
-        if any(len(p) < LEAST for p, h in zip(planes, halved, strict=True) if h):
+        halved = pitches <= LATTICE.alike_pitches * pitches.min()
+        if any(len(p) < LATTICE.least_planes for p, h in zip(planes, halved, strict=True) if h):
             return matrices
         coarse_planes = [
             _halved(len(p)) if h else np.arange(len(p)) for p, h in zip(planes, halved, strict=True)
@@ -80,7 +87,7 @@ def _planes(elasticity: Elasticity) -> list[Array] | None:
 def _distinct(x: Array) -> Array:
     """Sorted numbers without those that equal the one before to round-off."""
     x = np.sort(x)
-    return x[np.diff(x, prepend=-np.inf) > SAME * np.ptp(x)] if len(x) else x
+    return x[np.diff(x, prepend=-np.inf) > LATTICE.same_plane * np.ptp(x)] if len(x) else x
 
 
 def _places(coordinates: Array, planes: list[Array]) -> Integers:

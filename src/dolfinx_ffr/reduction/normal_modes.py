@@ -20,6 +20,8 @@ References:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.linalg
 
@@ -34,23 +36,33 @@ from .multigrid import MultigridSolver
 #: Relative distance below which neighbouring eigenvalues count as one cluster. A kept mode holds a
 #: share of about solver tolerance / distance of the first truncated one: a thousandth at 1e-6
 CLUSTER = 1e-3
-#: How far below the first truncated eigenvalue is counted, relative to it: more than the round-off
-#: of ill-conditioned bodies
-ROOM = 1e-2
-#: Vectors of a block, and of one for a body in the plane with fewer unknowns than so many: more of
-#: them make larger spaces, but the time to read a large factor hardly depends on their number
-BLOCK, NARROW, SMALL = 4, 2, 30_000
-#: Most vectors of a space, and how many more for each mode
-MOST, MOST_EACH = 100, 6
-#: Relative residual of modes from which on noise joins the space: it needs some blocks to tell
-#: anything, by which modes become accurate
-NEARLY = 1e-3
-#: Share by which a space grows between two looks at its modes
-LOOK = 1 / 16
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Numbers by which modes are searched; results are the same to round-off for others nearby."""
+
+    #: Fields of a block. More of them make larger spaces, but the time to read a large factor
+    #: hardly depends on their number
+    block: int = 4
+    narrow_block: int = 2  #: The same for a body in the plane with less than `small` unknowns
+    small: int = 30_000  #: Unknowns
+    most: int = 100  #: Fields of a space, at most, and
+    most_for_a_mode: int = 6  #: so many more for each mode
+    #: Relative residual of modes from which on noise joins the space: it needs some blocks to tell
+    #: anything, by which modes become accurate
+    join_noise_at: float = 1e-3
+    look_again: float = 1 / 16  #: Share by which a space grows between two looks at its modes
+    #: How far below the first truncated eigenvalue is counted, relative to it: more than the
+    #: round-off of ill-conditioned bodies
+    below_truncated: float = 1e-2
+    #: Fields that are iterated beyond those asked for, without a factor: the last converge slowly
+    guards: int = 2
+
+
+SEARCH = SearchOptions()
 #: Eigenvalues (k,), fields (dofs, k) of modal mass one, M times them, bounds, static solutions
 Found = tuple[Array, Block, Block, tuple[int, int], Block]
-#: Fields that are iterated beyond those asked for, without a factor: the last ones converge slowly
-GUARDS = 2
 
 
 class EigenSolver:
@@ -65,8 +77,8 @@ class EigenSolver:
         box = elasticity.domain.bounding_box
         self._positions = (elasticity.coordinates() - box[0]) / np.ptp(box, axis=0).max()
         self._smooth = self._without_clamped(_smooth_field(self._positions))
-        narrow = elasticity.dimension == 2 and elasticity.n_dofs_global < SMALL
-        width = NARROW if narrow else BLOCK
+        narrow = elasticity.dimension == 2 and elasticity.n_dofs_global < SEARCH.small
+        width = SEARCH.narrow_block if narrow else SEARCH.block
         self._block = np.hstack([self._smooth, *map(self._scattered, range(1, width))])
 
     def lowest(self, factored: FactoredBody, number: int, loads: Block) -> Found:
@@ -118,17 +130,17 @@ class EigenSolver:
         image: Block | None
         image, noisy, static = np.split(factored.solve(np.hstack(right_sides)), ends[:2], axis=1)
         rounds = looked = n_accurate = 0
-        while space.size <= MOST + MOST_EACH * max(number, n_accurate):
+        while space.size <= SEARCH.most + SEARCH.most_for_a_mode * max(number, n_accurate):
             if not space.invariant:
                 space.grow(image)
                 image = None
-                if space.complete < max(number + 1, (1.0 + LOOK) * looked):
+                if space.complete < max(number + 1, (1.0 + SEARCH.look_again) * looked):
                     continue
             looked = space.complete
             # all ranks decide by the same numbers, to the last bit
             inverses, vectors = self.elasticity.decided(np.linalg.eigh(space.projected))
             inverses, vectors = inverses[::-1].copy(), vectors[:, ::-1].copy()
-            accurate = self.tolerance if certificate else max(self.tolerance, NEARLY)
+            accurate = self.tolerance if certificate else max(self.tolerance, SEARCH.join_noise_at)
             open_ = space.residual_norms(vectors) > accurate * np.abs(inverses)
             n_accurate = int(np.argmax(open_)) if np.any(open_) else len(open_)
             eigenvalues = 1.0 / inverses[:n_accurate]
@@ -160,7 +172,7 @@ class EigenSolver:
         mass, solver = factored.clamped_mass, factored.clamped.solver
         if isinstance(solver, MultigridSolver):
             have = 0 if deflated is None else deflated.shape[1]
-            width = min(number + GUARDS, self.freedoms - have)
+            width = min(number + SEARCH.guards, self.freedoms - have)
             starts = np.hstack([self._scattered(have + k) for k in range(width)])
             return solver.modes(mass, number, starts, deflated)
         eigenvalues, fields = lowest_eigenpairs(
@@ -217,7 +229,8 @@ def cluster(eigenvalues: Array, number: int) -> tuple[int, int]:
 def below_following(eigenvalues: Array, end: int) -> float:
     """Where eigenvalues are counted: between the ``end``-th one and the following one, near it."""
     following = eigenvalues[end]
-    return float(following - min(0.5 * (following - eigenvalues[end - 1]), ROOM * following))
+    half_gap = 0.5 * (following - eigenvalues[end - 1])
+    return float(following - min(half_gap, SEARCH.below_truncated * following))
 
 
 def _smooth_field(position: Array) -> Array:
