@@ -11,11 +11,11 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from ..arrays import Array
+from ..arrays import Array, Integers
 from .curves import Curve, Drawn, enclosed, polygon
 from .interface import Bore
 from .mesh_checks import connected
-from .plane_mesh import Drawing, Face, walked
+from .plane_mesh import Drawing, Face, face_polygon, walked
 
 #: Ends nearer to each other than this are one, in units of the drawing's extent
 JOINED = 1e-6
@@ -122,7 +122,7 @@ def _grouped(
     """The drawing with the curves of its faces alone, each in the group of its interface."""
     curves = drawing.curves
     holes = [
-        (shapely.Polygon(polygon(walked(curves, loop), fine)), loop)
+        (face_polygon(curves, [loop], fine), loop)
         for face in drawing.faces
         for loop in face.loops[1:]
     ]
@@ -323,6 +323,23 @@ def _loops(nodes: Sequence[tuple[int, int]], chosen: Sequence[int]) -> list[list
     return loops_found
 
 
+def _faces(
+    source: str, curves: Sequence[Curve], loops: list[list[tuple[int, bool]]], fine: float
+) -> list[Face]:
+    """Loops at even depth with the holes right in them."""
+    shapes = [_shape(source, polygon(walked(curves, loop), fine)) for loop in loops]
+    rings = [shape.exterior for shape in shapes]
+    for i, j in shapely.STRtree(rings).query(rings, predicate="intersects").T:
+        if i != j:
+            _refuse_touching(source, rings[i].intersection(rings[j]))
+    depth, holes = _nesting(shapes)
+    return [
+        _face(curves, loops, outer, holes[outer])
+        for outer in range(len(loops))
+        if depth[outer] % 2 == 0
+    ]
+
+
 def _face_around(
     source: str,
     curves: Sequence[Curve],
@@ -333,10 +350,10 @@ def _face_around(
     """The face around a point: the smallest loop around it, and the loops right in that."""
     lines = [polygon(walked(curves, loop), fine) for loop in loops]
     shapes = [shapely.Polygon(line) if len(line) > 2 else shapely.Polygon() for line in lines]
-    point = shapely.Point(inside)
     # a loop that crosses itself counts only where it is the one that is meant
-    sound = [shape.is_valid for shape in shapes]
-    around = [i for i, shape in enumerate(shapes) if sound[i] and shape.contains(point)]
+    sound = [shape if shape.is_valid else shapely.Polygon() for shape in shapes]
+    point = shapely.Point(inside)
+    around = [i for i, shape in enumerate(sound) if shape.contains(point)]
     if not around:
         low, high = (
             _point(bound(np.vstack(lines), axis=0)) if lines else "no place"
@@ -346,79 +363,65 @@ def _face_around(
             f"{source}: no closed curve lies around inside = {_point(inside)}; give a point in the "
             f"material of the part that is meant; closed curves reach from {low} to {high}"
         )
+
     outer = min(around, key=lambda i: shapes[i].area)
-    within = [
-        i
-        for i, shape in enumerate(shapes)
-        if i != outer and sound[i] and not shape.is_empty and shapes[outer].contains(shape)
-    ]
-    holes = [i for i in within if not any(j != i and shapes[j].contains(shapes[i]) for j in within)]
-    chosen = [outer, *holes]
-    turned = [_turned(curves, loops[i], counterclockwise=i == outer) for i in chosen]
+    holes = _nesting(sound)[1][outer]
     region = shapely.Polygon(lines[outer], [lines[i] for i in holes])
+    boundary = [outer, *holes]
     for i, line in enumerate(lines):
         ring = shapely.LinearRing(line) if len(line) > 2 else shapely.LineString(line)
-        boundaries = [shapes[j].exterior for j in chosen if j != i] if i in chosen else [region]
-        crossed = [
-            ring.intersection(boundary) for boundary in boundaries if ring.intersects(boundary)
-        ]
-        if crossed:
-            position = _point(shapely.get_coordinates(crossed[0])[0])
-            raise ValueError(
-                f"{source}: two closed curves of the outline cross or touch at {position}; trim "
-                "them to one boundary, or name the layers of the outline by layers=[...]"
-            )
-    return Face("design", turned)
+        limits = [shapes[j].exterior for j in boundary if j != i] if i in boundary else [region]
+        for limit in limits:
+            if ring.intersects(limit):
+                _refuse_touching(source, ring.intersection(limit))
+    return _face(curves, loops, outer, holes)
+
+
+def _nesting(shapes: Sequence[shapely.Polygon]) -> tuple[Integers, list[list[int]]]:
+    """How many other polygons each is within, and the numbers of those right within it."""
+    inner, outer = shapely.STRtree(shapes).query(shapes, predicate="within")
+    distinct = inner != outer
+    inner, outer = inner[distinct], outer[distinct]
+    depth = np.bincount(inner, minlength=len(shapes))
+    right_within: list[list[int]] = [[] for _ in shapes]
+    for i, j in zip(inner.tolist(), outer.tolist(), strict=True):
+        if depth[i] == depth[j] + 1:
+            right_within[j].append(i)
+    return depth, [sorted(numbers) for numbers in right_within]
+
+
+def _face(
+    curves: Sequence[Curve],
+    loops: Sequence[list[tuple[int, bool]]],
+    outer: int,
+    holes: Sequence[int],
+) -> Face:
+    """The face within a loop, without its holes; it is on the left of each loop."""
+    directed = []
+    for i in (outer, *holes):
+        counterclockwise = enclosed(walked(curves, loops[i]))[0] > 0.0
+        if counterclockwise == (i == outer):
+            directed.append(loops[i])
+        else:
+            directed.append([(curve, not forward) for curve, forward in reversed(loops[i])])
+    return Face("design", directed)
+
+
+def _refuse_touching(source: str, common: shapely.Geometry) -> None:
+    """Refuse two closed curves that have points in ``common``."""
+    raise ValueError(
+        f"{source}: two closed curves of the outline cross or touch at "
+        f"{_point(shapely.get_coordinates(common)[0])}; trim them to one boundary, or name the "
+        "layers of the outline by layers=[...]"
+    )
 
 
 def _meeting(
     face: Face, curves: Sequence[Curve], candidates: Sequence[int], fine: float
 ) -> list[int]:
     """Of other curves the numbers of those that meet a face."""
-    outer, *holes = (polygon(walked(curves, loop), fine) for loop in face.loops)
-    region = shapely.Polygon(outer, holes)
+    region = face_polygon(curves, face.loops, fine)
     return [i for i in candidates if region.intersects(shapely.LineString(curves[i].points(fine)))]
-
-
-def _turned(
-    curves: Sequence[Curve], loop: list[tuple[int, bool]], *, counterclockwise: bool
-) -> list[tuple[int, bool]]:
-    """A loop walked counterclockwise, or clockwise."""
-    if (enclosed(walked(curves, loop))[0] > 0.0) == counterclockwise:
-        return loop
-    return [(curve, not forward) for curve, forward in reversed(loop)]
-
-
-def _faces(
-    source: str, curves: Sequence[Curve], loops: list[list[tuple[int, bool]]], fine: float
-) -> list[Face]:
-    """Loops at even depth with the holes right in them, all with the face on the left."""
-    directed = [walked(curves, loop) for loop in loops]
-    shapes = [_shape(source, polygon(loop, fine)) for loop in directed]
-    rings = [shape.exterior for shape in shapes]
-    for i, j in shapely.STRtree(rings).query(rings, predicate="intersects").T:
-        if i != j:
-            position = shapely.get_coordinates(rings[i].intersection(rings[j]))[0]
-            raise ValueError(
-                f"{source}: two closed curves of the outline cross or touch at "
-                f"{_point(position)}; trim them to one boundary"
-            )
-    inner, outer = shapely.STRtree(shapes).query(shapes, predicate="within")
-    distinct = inner != outer
-    depth = np.bincount(inner[distinct], minlength=len(shapes))
-    holes: dict[int, list[int]] = {i: [] for i in range(len(shapes)) if depth[i] % 2 == 0}
-    for j, i in zip(inner[distinct], outer[distinct], strict=True):
-        if i in holes and depth[j] == depth[i] + 1:
-            holes[i].append(j)
-
-    def turned(i: int, hole: bool) -> list[tuple[int, bool]]:
-        """A loop counterclockwise, or clockwise around a hole."""
-        return _turned(curves, loops[i], counterclockwise=not hole)
-
-    return [
-        Face("design", [turned(i, False), *(turned(j, True) for j in sorted(inside))])
-        for i, inside in holes.items()
-    ]
 
 
 def _shape(source: str, ring: Array) -> shapely.Polygon:

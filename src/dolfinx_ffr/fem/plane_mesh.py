@@ -25,6 +25,7 @@ from scipy.spatial import cKDTree
 from ..arrays import Array
 from ..limits import MOST_CELLS, MOST_CURVES, check_count
 from .curves import Arc, Curve, CurveError, Line, Spline, enclosed
+from .faces import ring
 
 _numbers = count()
 
@@ -177,14 +178,14 @@ def _add(occ: Any, curve: Curve, ends: list[int], point: Callable[[Array], int])
 
 
 @dataclass(frozen=True, eq=False)
-class _Divided:
+class _CurveCells:
     """The cells along a curve."""
 
     vertices: Array  #: (n + 1, 2) [m]
     middles: Array  #: (n, 2) on the curve [m]
 
 
-def _divided(curve: Curve, size: float, local: LocalSizes | None) -> _Divided:
+def _cells_of(curve: Curve, size: float, local: LocalSizes | None) -> _CurveCells:
     """A curve in cells of a size, or smaller, along each of which it turns little."""
     finest = size if local is None else min(size, float(np.min(local.sizes)))
     breaks = curve.breaks()
@@ -209,15 +210,15 @@ def _divided(curve: Curve, size: float, local: LocalSizes | None) -> _Divided:
     s = np.interp(np.linspace(0.0, counted[-1], n + 1), counted, along)
     vertices = curve.at(np.interp(s, along, t))
     vertices[[0, -1]] = curve.start, curve.end
-    return _Divided(vertices, curve.at(np.interp(0.5 * (s[1:] + s[:-1]), along, t)))
+    return _CurveCells(vertices, curve.at(np.interp(0.5 * (s[1:] + s[:-1]), along, t)))
 
 
 def cells_along(curve: Curve, size: float) -> Array:
     """The vertices (n + 1, 2) of the cells of a size, or smaller, along a curve [m]."""
-    return _divided(curve, size, None).vertices
+    return _cells_of(curve, size, None).vertices
 
 
-def _polygons(gmsh: Any, drawing: Drawing, divided: Sequence[_Divided]) -> list[list[int]]:
+def _polygons(gmsh: Any, drawing: Drawing, divided: Sequence[_CurveCells]) -> list[list[int]]:
     """Make lines along the curves in gmsh, each for one cell, and the faces; the lines' tags."""
     geo = gmsh.model.geo
     point_tags: dict[int, int] = {}
@@ -245,7 +246,7 @@ def _polygons(gmsh: Any, drawing: Drawing, divided: Sequence[_Divided]) -> list[
     return tags
 
 
-def _bend(model: Any, divided: Sequence[_Divided]) -> None:
+def _bend(model: Any, divided: Sequence[_CurveCells]) -> None:
     """Curve the cells at curves to order 2, but for those that would fold, as in tips of cusps."""
     model.mesh.setOrder(2)
     mesh = model.mesh
@@ -312,6 +313,14 @@ def walked(curves: Sequence[Curve], loop: Sequence[tuple[int, bool]]) -> list[Cu
     return [curves[i] if forward else curves[i].reversed() for i, forward in loop]
 
 
+def face_polygon(
+    curves: Sequence[Curve], loops: Sequence[Sequence[tuple[int, bool]]], tolerance: float
+) -> shapely.Polygon:
+    """The polygon of a face within ``tolerance`` [m], the outer one of its loops first."""
+    outer, *holes = (ring(walked(curves, loop), tolerance) for loop in loops)
+    return shapely.Polygon(outer, holes)
+
+
 def _area(drawing: Drawing, face: Face) -> float:
     return float(sum(enclosed(walked(drawing.curves, loop))[0] for loop in face.loops))
 
@@ -348,7 +357,7 @@ def mesh_faces(
     With ``grow`` they grow from the cells along the curves, whose sizes may be ``local``.
     """
     model = gmsh.model
-    divided = [_divided(curve, size, local) for curve in drawing.curves]
+    divided = [_cells_of(curve, size, local) for curve in drawing.curves]
     _refuse_crossed(drawing, divided, size)
     tags = _polygons(gmsh, drawing, divided)
     surface_tags = [tag for _, tag in model.getEntities(2)]
@@ -380,7 +389,7 @@ def mesh_faces(
             _bend(model, divided)
 
 
-def _refuse_crossed(drawing: Drawing, divided: Sequence[_Divided], size: float) -> None:
+def _refuse_crossed(drawing: Drawing, divided: Sequence[_CurveCells], size: float) -> None:
     """Refuse cells along curves that cross, which gmsh (4.13) would divide without end."""
     ends = np.concatenate([cells_of_curve.vertices[[0, -1]] for cells_of_curve in divided])
     positions = dict(zip(np.ravel(drawing.nodes).tolist(), ends, strict=True))

@@ -18,9 +18,9 @@ from scipy.optimize import minimize_scalar
 
 from ..arrays import Array, Mask
 from .curves import Arc, Curve, Line, Spline
-from .faces import directed_loops, nested, ring
+from .faces import directed_loops, nested
 from .interface import nearest_circle
-from .plane_mesh import Drawing, Face, walked
+from .plane_mesh import Drawing, Face, face_polygon, walked
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,10 @@ def with_rims(
     if not lines:
         return drawing
     zone = _zone(lines, width)
-    body = shapely.union_all([_shape(drawing.curves, face.loops, fine) for face in drawing.faces])
-    divided = _Divided(drawing, width)
+    body = shapely.union_all(
+        [face_polygon(drawing.curves, face.loops, fine) for face in drawing.faces]
+    )
+    divided = _DividedDrawing(drawing, width)
     for line in _inside(zone, body, RIM.leftover * width):
         divided.add(shapely.get_coordinates(line))
     return divided.drawing(zone)
@@ -95,14 +97,6 @@ def _zone(lines: Sequence[shapely.LineString], width: float) -> shapely.Geometry
 
 def _circle(x: Array) -> tuple[Array, float] | None:
     return nearest_circle(x, RIM.round) if len(x) > RIM.fewest else None
-
-
-def _shape(
-    curves: Sequence[Curve], loops: Sequence[Sequence[tuple[int, bool]]], fine: float
-) -> shapely.Polygon:
-    """The polygon of a face, the outer one of whose loops is the first."""
-    rings = [ring(walked(curves, loop), fine) for loop in loops]
-    return shapely.Polygon(rings[0], rings[1:])
 
 
 def _inside(
@@ -143,7 +137,7 @@ def _to_the_outline(
     return shapely.ops.substring(crossing_line, begin, stop)
 
 
-class _Divided:
+class _DividedDrawing:
     """A drawing whose faces are divided by further curves."""
 
     def __init__(self, drawing: Drawing, width: float) -> None:
@@ -251,7 +245,7 @@ class _Divided:
         faces = []
         for nest in nested([[around[k] for k in loop] for loop in loops], self._fine):
             face_loops = [[sides[k] for k in loops[n]] for n in nest]
-            shape = _shape(curves, face_loops, self._fine)
+            shape = face_polygon(curves, face_loops, self._fine)
             thin = shape.buffer(-0.5 * RIM.leftover * self._width).is_empty
             solid = thin or shape.intersection(zone).area > 0.5 * shape.area
             faces.append(Face("solid" if solid else "design", face_loops))
