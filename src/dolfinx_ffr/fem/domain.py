@@ -41,7 +41,7 @@ from .mesh_checks import (
     facet_nodes,
     facet_points,
 )
-from .mesh_file import KINDS, TaggedMesh, read_gmsh, read_gmsh_model
+from .mesh_file import GroupedMesh, read_gmsh, read_gmsh_model
 from .outline import Sheet, mesh_outline
 from .rod import rod_mesh
 
@@ -269,7 +269,7 @@ class Domain:
         read = read_gmsh(comm, validation.path("from_gmsh: path", path))
         regions = {"solid": solid, "void": void}
         options = {"order": order, "centers": centers, "solid_rim": solid_rim}
-        return cls._from_tags(read, interfaces, regions, **options)
+        return cls._from_groups(read, interfaces, regions, **options)
 
     @classmethod
     def from_gmsh_model(
@@ -292,7 +292,7 @@ class Domain:
         """
         read, regions = read_gmsh_model(comm, model), {"solid": solid, "void": void}
         options = {"order": order, "centers": centers, "solid_rim": solid_rim}
-        return cls._from_tags(read, interfaces, regions, **options)
+        return cls._from_groups(read, interfaces, regions, **options)
 
     @classmethod
     def from_outline(
@@ -320,8 +320,8 @@ class Domain:
                 splines stay what they are. A ring may be a list of pieces (n, 2) that follow each
                 other: two points are a line, three an arc of the circle through them, more a cubic
                 spline.
-            interfaces: For each name the layer of its curves, a point
-                in it, ``ffr.fem.Bore(at=(x, y))``, the box that it lies in, ``ffr.fem.Box``, or a
+            interfaces: For each name the layer of its curves, a point in it,
+                ``ffr.fem.Bore(at=(x, y))``, the box that it lies in, ``ffr.fem.Box``, or a
                 predicate as for `Domain`. A curve on a boundary that is drawn already only names
                 it.
             size: Of the triangles [m].
@@ -354,9 +354,8 @@ class Domain:
         sheet = Sheet(unit, layers, inside, gap)
         read, facets = mesh_outline(comm, outline, places, size, sheet, degree, solid_rim)
         stays = located_cells(read.mesh, "domain: solid", solid)
-        if (2, "solid") in read.numbers:
-            rims = read.tagged(2, "solid")
-            stays[rims[rims < len(stays)]] = True
+        rims = read.cells.get("solid", np.zeros(0, dtype=np.int32))
+        stays[rims[rims < len(stays)]] = True
         options = {"void": void, "order": order, "centers": centers}
         by_name: dict[str, Any] = {**places, **facets}
         body = cls(read.mesh, by_name, stays, **options)  # type: ignore[arg-type]
@@ -364,34 +363,18 @@ class Domain:
         return body
 
     @classmethod
-    def _from_tags(
+    def _from_groups(
         cls,
-        read: TaggedMesh,
+        read: GroupedMesh,
         interfaces: Sequence[str | int],
         regions: dict[str, Sequence[str | int] | Predicate | None],
         **options: Any,
     ) -> Domain:
-        dim = read.mesh.topology.dim
-
-        def tagged(d: int, argument: str, names: Any) -> dict[str, NDArray[np.int32]]:
-            group_names = read.called(d, f"{read.source}: {argument}", names)
-            missing = [name for name in group_names if (d, name) not in read.numbers]
-            if missing:
-                available = [f"{KINDS[k]}s {read.names(k) or 'none'}" for k in (dim - 1, dim)]
-                raise ValueError(
-                    f"{read.source}: no physical {KINDS[d]} named "
-                    f"{', '.join(map(repr, missing))}; it has the physical {available[0]} and the "
-                    f"physical {available[1]}. Name the groups in gmsh, or pass {argument}=[...]"
-                )
-            return {name: read.tagged(d, name) for name in group_names}
-
-        facets = tagged(dim - 1, "interfaces", interfaces)
+        facets = read.facets_of("interfaces", interfaces)
         for name, region in regions.items():
-            options[name] = region
-            if not callable(region):
-                default = [name] if (dim, name) in read.numbers else []
-                groups = tagged(dim, name, default if region is None else region)
-                options[name] = np.concatenate([np.zeros(0, dtype=np.int32), *groups.values()])
+            default = [name] if name in read.cells else []
+            groups = default if region is None else region
+            options[name] = groups if callable(groups) else read.cells_of(name, groups)
         body = cls(read.mesh, facets, **options)
         refuse_whole_edge(body.mesh, body.interfaces)
         return body

@@ -65,54 +65,65 @@ Groups = dict[tuple[int, str], int]
 
 
 @dataclass(frozen=True)
-class TaggedMesh:
-    """A mesh with its physical groups."""
+class GroupedMesh:
+    """A mesh with its physical groups: facets and cells by the names that they have in gmsh."""
 
-    source: str  #: Its name in messages
+    source: str  #: Name of the mesh in messages
     mesh: mesh.Mesh  #: Distributed over its communicator
-    cell_tags: Any  #: Number of the physical surface, in space volume, of each cell
-    facet_tags: Any  #: Number of the physical curve, in space surface, of each facet
+    facets: dict[str, NDArray[np.int32]]  #: Facets of this rank by physical curve or surface
+    cells: dict[str, NDArray[np.int32]]  #: Cells of this rank by physical surface or volume
     numbers: Groups  #: Number of each physical group by dimension and name
 
-    def names(self, dim: int) -> list[str]:
-        """The names of the physical curves (``dim`` 1), surfaces (2) or volumes (3)."""
-        return sorted(name for d, name in self.numbers if d == dim)
+    def facets_of(self, argument: str, groups: Any) -> dict[str, NDArray[np.int32]]:
+        """The facets of physical ``groups``, by names or numbers; the ``argument`` has them."""
+        dim = self.mesh.topology.dim - 1
+        return {name: self.facets[name] for name in self._checked(dim, argument, groups)}
 
-    def called(self, dim: int, argument: str, groups: Any) -> list[str]:
-        """The names of groups of dimension ``dim`` that are given by names or numbers."""
+    def cells_of(self, argument: str, groups: Any) -> NDArray[np.int32]:
+        """The cells in physical ``groups``, by names or numbers; the ``argument`` has them."""
+        names = self._checked(self.mesh.topology.dim, argument, groups)
+        none = np.zeros(0, dtype=np.int32)
+        return np.concatenate([none, *(self.cells[name] for name in names)])
+
+    def _checked(self, dim: int, argument: str, groups: Any) -> list[str]:
+        """The names of groups of a dimension that are given by names or numbers."""
+        what = f"{self.source}: {argument}"
         if isinstance(groups, str):
-            return validation.names(argument, groups)  # a text alone is refused
-        names = {tag: name for (d, name), tag in self.numbers.items() if d == dim}
-        entries = validation.listed(
-            argument, groups, "a list of names or numbers of physical groups"
-        )
-        numbers = [isinstance(e, int | np.integer) and not isinstance(e, bool) for e in entries]
-        return validation.names(
-            argument,
-            [
-                names.get(int(entry), str(entry)) if number else entry
-                for entry, number in zip(entries, numbers, strict=True)
-            ],
-        )
-
-    def tagged(self, dim: int, name: str) -> NDArray[np.int32]:
-        """The cells, or the facets where ``dim`` is one less, of a physical group on this rank."""
-        tags = self.cell_tags if dim == self.mesh.topology.dim else self.facet_tags
-        return np.asarray(tags.indices[tags.values == self.numbers[dim, name]])
+            return validation.names(what, groups)  # a text alone is refused
+        by_number = {number: name for (d, name), number in self.numbers.items() if d == dim}
+        entries = validation.listed(what, groups, "a list of names or numbers of physical groups")
+        names = validation.names(what, [_by_number(entry, by_number) for entry in entries])
+        missing = [name for name in names if (dim, name) not in self.numbers]
+        if missing:
+            facet, cell = KINDS[self.mesh.topology.dim - 1 :][:2]
+            raise ValueError(
+                f"{self.source}: no physical {KINDS[dim]} named {', '.join(map(repr, missing))}; "
+                f"it has the physical {facet}s {sorted(self.facets) or 'none'} and the physical "
+                f"{cell}s {sorted(self.cells) or 'none'}. Name the groups in gmsh, or pass "
+                f"{argument}=[...]"
+            )
+        return names
 
 
-def read_gmsh(comm: MPI.Comm, path: Path) -> TaggedMesh:
+def _by_number(entry: Any, names: dict[int, str]) -> Any:
+    """The name of a group that is given by its number; anything else as it is."""
+    if isinstance(entry, int | np.integer) and not isinstance(entry, bool):
+        return names.get(int(entry), str(entry))
+    return entry
+
+
+def read_gmsh(comm: MPI.Comm, path: Path) -> GroupedMesh:
     """Read a ``.msh`` file: a mesh in space if it has physical volumes, else in the plane."""
     with ExitStack() as stack:
         return _distribute(comm, lambda: _opened(path, stack), str(path))
 
 
-def read_gmsh_model(comm: MPI.Comm, model: Any) -> TaggedMesh:
+def read_gmsh_model(comm: MPI.Comm, model: Any) -> GroupedMesh:
     """Take a mesh from gmsh's current model on rank 0, as `read_gmsh` does from a file."""
     return _distribute(comm, lambda: model, "gmsh model")
 
 
-def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> TaggedMesh:
+def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> GroupedMesh:
     model: Any = None
     groups: Groups = {}
     with ExitStack() as stack:
@@ -125,7 +136,15 @@ def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> TaggedMe
         groups = comm.bcast(groups, root=0)
         dim = max(d for d, _ in groups)
         domain, cell_tags, facet_tags = _compat.gmsh_model_to_mesh(model, comm, 0, dim)
-    return TaggedMesh(source, domain, cell_tags, facet_tags, groups)
+    facets, cells = (
+        {
+            name: tags.indices[tags.values == number]
+            for (d, name), number in groups.items()
+            if d == k
+        }
+        for k, tags in ((dim - 1, facet_tags), (dim, cell_tags))
+    )
+    return GroupedMesh(source, domain, facets, cells, groups)
 
 
 def _opened(path: Path, stack: ExitStack) -> Any:

@@ -25,7 +25,7 @@ from .curves import Arc, Curve, Drawn, Line, Spline
 from .dxf_file import read_dxf
 from .interface import Bore, Predicate, checked, whole_edge
 from .loops import closed_outline, samples
-from .mesh_file import TaggedMesh, read_gmsh_model
+from .mesh_file import GroupedMesh, read_gmsh_model
 from .plane_mesh import Drawing, cells_along, check_size, gmsh_model, mesh_faces
 from .rims import with_rims
 
@@ -57,7 +57,7 @@ def mesh_outline(
     sheet: Sheet,
     order: int,
     rim: float = 0.0,
-) -> tuple[TaggedMesh, dict[str, NDArray[np.int32]]]:
+) -> tuple[GroupedMesh, dict[str, NDArray[np.int32]]]:
     """A mesh of triangles within a closed outline, see `Domain.from_outline`.
 
     The facets of interfaces that a layer or a bore tells are given back by their names. Cells
@@ -95,7 +95,7 @@ def mesh_outline(
         for message in on_rank_0(comm, build):
             warnings.warn(message, stacklevel=3)
         read = read_gmsh_model(comm, gmsh.model if gmsh is not None else None)
-    return read, {name: read.tagged(1, _group(name)) for name in named}
+    return read, {name: read.facets[_group(name)] for name in named}
 
 
 def _group(interface: str) -> str:
