@@ -178,7 +178,8 @@ def select_modes(
             raise ValueError(
                 f"select_modes: with all {n_modes} normal modes of body {name!r} the estimated "
                 f"error of psi is {errors[name][-1]:.1e}, and {tolerance:.1e} is not held by a "
-                "number that keeps close frequencies together; give the problem more modes to choose from"
+                "number that keeps close frequencies together; give the problem more modes to "
+                "choose from"
             )
         chosen[name] = int(fits[0])
     leading = {name: _with_modes(evaluation, complete, name, n) for name, n in chosen.items()}
@@ -361,9 +362,9 @@ def warn_of_local_modes(problem: Problem, evaluation: Evaluation) -> None:
         warnings.warn(
             f"{len(local.numbers)} of {len(modes)} normal modes of body {name!r} shake nothing but "
             f"loose or almost void pieces: {listed}{ending}. They take the places of modes "
-            f"that matter, and hold {100.0 * local.share:.2g} % of the strain energy of the motion, "
-            "in void: empty these cells or join them to the rest; where that share is negligible, so "
-            "many modes more will do",
+            f"that matter, and hold {100.0 * local.share:.2g} % of the strain energy of the "
+            "motion, in void: empty these cells or join them to the rest; where that share is "
+            "negligible, so many modes more will do",
             LocalModesWarning,
             stacklevel=3,
         )
