@@ -218,6 +218,11 @@ SCENES = {
         ["--densities", "--elements", "30", "4", "--iterations", "3"],
         ["design.png", "history.csv", "motion.gif"],
     ),
+    "milled_rod": (
+        ["--elements", "40", "8", "--iterations", "6", "--boundary", "1", "--steps", "60"]
+        + ["--tetrahedra", "0.02"],
+        ["design.png", "part.png", "motion.gif", "report.html"],
+    ),
     "several_load_cases": (
         ["--elements", "20", "4", "--iterations", "2", "--boundary", "1", "--steps", "60"],
         ["history.png", "scene_slow.png", "scene_fast.png", "report.html", "motion.gif"],

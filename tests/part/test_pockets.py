@@ -172,3 +172,21 @@ def test_a_short_run_ends_with_a_part_that_is_told_as_it_is() -> None:
     # less than the rod, and than a plate of the same mass all over, which has its psi
     assert result.psi < 0.6 * full.psi
     assert result.moved.summary()["narrowest"] >= 0.99 * design.minimum_member
+
+
+def test_the_solid_in_space_is_what_two_thicknesses_stand_for(part: ffr.Part) -> None:
+    """Clamped at its left end, the plate has the frequencies of plane stress in its plane."""
+    frame = ffr.TangentFrame("left")
+    plane = part.domain(3e-3)
+    flat = ffr.FlexibleBody(plane, STEEL, frame=frame, modes=2, interpolation=PLATE)
+    expected = flat.reduce(part.density(plane)).basis.frequencies
+    solid = part.in_space(6e-3)
+    print(solid.n_cells, solid.area/part.volume)
+    assert solid.area == pytest.approx(part.volume, rel=5e-3)
+    low, high = solid.bounding_box
+    np.testing.assert_allclose([low[2], high[2]], [-5e-3, 5e-3])
+    steel = ffr.Isotropic(STEEL.young, STEEL.poisson, STEEL.density)
+    body = ffr.FlexibleBody(solid, steel, frame=frame, modes=5)
+    found = body.reduce(np.ones(solid.n_cells)).basis.frequencies
+    nearest = np.min(np.abs(found[:, None] / expected - 1.0), axis=0)
+    assert np.max(nearest) < 0.02

@@ -249,11 +249,12 @@ def _write_dxf(part: Sheet, path: Path, unit: str) -> None:
     drawing.saveas(path)
 
 
-def _whole(pieces: Sequence[Sequence[Loop]]) -> Drawing:
+def _whole(pieces: Sequence[Sequence[Loop]], *, whole_splines: bool = False) -> Drawing:
     """Pieces of a part, or its pockets, as faces, solid regions not told apart.
 
     A spline has a curve for each of its polynomials: along several ones OpenCASCADE takes too few
-    points for masses, and its offsets fail at random.
+    points for masses, and its offsets fail at random. With ``whole_splines`` it is one curve, along
+    which cells may be longer than a polynomial.
     """
     curves: list[Curve] = []
     faces: list[Face] = []
@@ -269,7 +270,11 @@ def _whole(pieces: Sequence[Sequence[Loop]]) -> Drawing:
             joined = [
                 part
                 for curve, _ in _joined([(curve, "") for curve, _ in _with_lines(ring)])
-                for part in (curve.polynomials() if isinstance(curve, Spline) else [curve])
+                for part in (
+                    curve.polynomials()
+                    if isinstance(curve, Spline) and not whole_splines
+                    else [curve]
+                )
             ]
             loops.append([(len(curves) + i, True) for i in range(len(joined))])
             curves += joined
@@ -286,13 +291,16 @@ def _write_step(part: Sheet, path: Path, unit: str) -> None:
             gmsh.write(str(path))
 
 
-def add_solid(gmsh: Any, part: Sheet, scale: float) -> None:
-    """Make the solid of a part, times ``scale``, in gmsh's model, on 0 <= z <= its thickness."""
+def add_solid(gmsh: Any, part: Sheet, scale: float, *, whole_splines: bool = False) -> None:
+    """Make the solid of a part, times ``scale``, in gmsh's model, on 0 <= z <= its thickness.
+
+    With ``whole_splines`` a spline is one curve, as meshes want it, and files do not.
+    """
     occ = gmsh.model.occ
 
     def prisms(pieces: Sequence[Sequence[Loop]], begin: float, end: float) -> list[tuple[int, int]]:
         """The volumes over some pieces between two heights."""
-        tags, _ = surfaces(gmsh, _whole(pieces), scale)
+        tags, _ = surfaces(gmsh, _whole(pieces, whole_splines=whole_splines), scale)
         bases = [(2, tag) for tag in tags]
         occ.translate(bases, 0.0, 0.0, begin)
         return [entity for entity in occ.extrude(bases, 0.0, 0.0, end - begin) if entity[0] == 3]

@@ -50,6 +50,7 @@ from .boundary import Side, boundary
 from .cut import DESIGN, VOID, Lattice, cut
 from .export import Loop, Sheet, write
 from .field import Field, evaluated
+from .in_space import mesh_solid
 from .pieces import Piece, attached, drawing, outlines, pieces
 from .pockets import pocket_faces
 from .verify import Enclosed, Found
@@ -361,6 +362,28 @@ class Part(Enclosed):
             kept = [n for n in self.body.interfaces if n not in self.lost_interfaces]
             how: dict[str, Any] = {"interfaces": kept, "order": degree}
             how["centers"] = {n: self.body.interfaces[n].center.tolist() for n in kept}
+            return Domain.from_gmsh_model(comm, None if gmsh is None else gmsh.model, **how)
+
+    def in_space(self, size: float, order: int = 2) -> Domain:
+        """The solid that its STEP file has, by tetrahedra, to verify the plane model by.
+
+        Args:
+            size: Of the tetrahedra at most [m]. One across a web is enough for an ``order`` of 2.
+            order: Polynomial order of the displacements.
+
+        Returns:
+            A body in space, with the walls over the curves of each interface as that interface. Its
+            middle plane is z = 0.
+        """
+        validation.number("part: size", size, above=0.0, unit="m")
+        degree = validation.integer("part: order", order, least=1)
+        comm, sheet = self.body.comm, self._sheet
+        kept = {n: self.interface(n) for n in self.body.interfaces if n not in self.lost_interfaces}
+        self._made_of("its thickness")
+        with gmsh_model() if comm.rank == 0 else nullcontext() as gmsh:
+            on_rank_0(comm, lambda: mesh_solid(gmsh, sheet, kept, size))
+            centers = {name: [*self.body.interfaces[name].center, 0.0] for name in kept}
+            how: dict[str, Any] = {"interfaces": list(kept), "order": degree, "centers": centers}
             return Domain.from_gmsh_model(comm, None if gmsh is None else gmsh.model, **how)
 
     def resolved(self, size: float, order: int) -> Domain:

@@ -26,6 +26,8 @@ from .scene import DrawnMesh
 
 #: Color of the material
 STEEL = "#8fa3b5"
+#: Of the floors of pockets, which are thinner
+WEB = "#dbe3ea"
 #: Width and height of the picture of a detail [inches]
 _DETAIL = np.array([5.0, 2.6])
 
@@ -33,7 +35,7 @@ _DETAIL = np.array([5.0, 2.6])
 def plot_part(part: Part | Solid, path: str | Path, *, title: str = "") -> Path:
     """Draw a part: its material, and details of where it is thinnest and tightest.
 
-    One sees the material in steel blue within the outline of the body, its interfaces in colour,
+    One sees the material in steel blue, floors of pockets lighter, the interfaces in colour,
     loose pieces that were left out in red, and framed the places that are enlarged below, each with
     its dimension and the disc that is as wide. Of a solid one sees the surface, the edges of the
     body and its interfaces. The file ``path`` gets a ``title``.
@@ -83,8 +85,12 @@ def _facts(part: Part) -> str:
     facts = [f"area {1e6 * part.area:.5g} mm²"]
     if part.weighs:
         facts.append(f"mass {part.mass:.4g} kg")
-    pieces, holes = part.pieces, part.holes
-    facts.append(f"{pieces} piece{'s' * (pieces != 1)}, {holes} hole{'s' * (holes != 1)}")
+    counts = {"piece": part.pieces, "hole": part.holes}
+    if part.web:
+        counts["pocket"] = len(part.pockets)
+    facts.append(", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items()))
+    if part.web and part.material is not None:
+        facts.append(f"web {1e3 * part.web * part.thickness:.3g} mm")
     if part.loose:
         facts.append(f"{len(part.loose)} loose left out")
     if part.deviation:  # none of moved boundaries
@@ -102,6 +108,8 @@ def _draw(axes: Axes, part: Part, body: DrawnMesh, window: tuple[Array, Array]) 
     resolution = 0.2 * part.accuracy
     rings = [polygon(loop, resolution) for loops in part.outlines for loop in loops]
     axes.add_patch(PathPatch(_path(rings), facecolor=STEEL, edgecolor=style.DARK))
+    for floor in part.floors:
+        axes.add_patch(PathPatch(outline_path(floor), facecolor=WEB, edgecolor=style.DARK))
     for piece in part.loose:
         outline = _path([polygon(loop, resolution) for loop in piece.outline])
         axes.add_patch(PathPatch(outline, facecolor="none", edgecolor=style.RED, hatch="////"))
