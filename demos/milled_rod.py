@@ -31,7 +31,7 @@ import dolfinx_ffr as ffr
 
 # %% Parameters
 WEB = 0.1  # share of the thickness of 10 mm
-RIB, CUTTER = 2e-3, 6e-3  # least width of what has full thickness, diameter of the cutter [m]
+RIB, CUTTER = 1.5e-3, 6e-3  # least width of what has full thickness, diameter of the cutter [m]
 IN_SPACE = ffr.Isotropic(STEEL.young, STEEL.poisson, STEEL.density)
 MODES = 60  # in space, where most of them leave the plane [-]
 
@@ -55,7 +55,7 @@ def problem_in_space(domain: ffr.Domain, integrator: Any, modes: int = MODES) ->
 
 def main(arguments: list[str] | None = None) -> None:
     """Design the pockets, and verify them in the plane and in space."""
-    defaults = {"elements": (100, 10), "iterations": 24, "boundary": 8, "resume": False}
+    defaults = {"elements": (100, 10), "iterations": 24, "boundary": 12, "resume": False}
     options = parse(arguments, "milled_rod", **defaults, steps=None, tetrahedra=8e-3)
     problem = reference_problem(
         MPI.COMM_WORLD, options.elements, steps=options.steps, solid_columns=0
@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> None:
     apart = in_space.value(np.ones(solid.n_cells)).psi / result.psi - 1.0
     say(f"psi of {solid.n_cells_global} tetrahedra in space is {100 * apart:+.2f} % of the plane's")
     assert abs(apart) < 0.005, "the plane model is not that of the solid"
-    numbers = {"apart_in_space": apart, "most": 0.43 * full}
+    numbers = {"apart_in_space": apart, "most": 0.425 * full}
     leave(options, result, "A milled rod", full, found, warnings, **numbers)
 
 

@@ -266,7 +266,7 @@ def volume_multiplier(
         if high > 1e12:
             raise ValueError(
                 f"the volume stays at {volume(high):.6g}, above its bound {bound:.6g}, whatever "
-                "the multiplier: raise the bound or shrink the solid regions"
+                "the multiplier: raise the bound, or shrink the solid regions and rims"
             )
     for _ in range(200):
         middle = 0.5 * (low + high)
