@@ -69,7 +69,7 @@ def main(arguments: list[str] | None = None) -> None:
         result = ffr.optimize(problem, design, **options.run)
         found = result.finish(options.output)
     # a mesh that fits pockets covers all of the rod
-    last = result.told[0]
+    last = result.final[0]
     full = last.value(np.ones(last.flexible["rod"].domain.n_cells)).psi
     draw(result, options.output, full=full)
 

@@ -193,6 +193,7 @@ def test_short_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 #: Demos, settings for which they take seconds, and pictures that they leave; the first one, which
 #: has two bodies, runs on several ranks, too
+MILLED = ["--elements", "40", "8", "--steps", "60"]
 SCENES = {
     "four_bar": (
         ["--elements", "24", "4", "--steps", "200", "--iterations", "4"],
@@ -219,8 +220,7 @@ SCENES = {
         ["design.png", "history.csv", "motion.gif"],
     ),
     "milled_rod": (
-        ["--elements", "40", "8", "--iterations", "6", "--boundary", "1", "--steps", "60"]
-        + ["--tetrahedra", "0.02"],
+        [*MILLED, "--iterations", "6", "--boundary", "1", "--tetrahedra", "0.02"],
         ["design.png", "part.png", "motion.gif", "report.html"],
     ),
     "several_load_cases": (

@@ -181,7 +181,7 @@ def test_the_solid_in_space_is_what_two_thicknesses_stand_for(part: ffr.Part) ->
     flat = ffr.FlexibleBody(plane, STEEL, frame=frame, modes=2, interpolation=PLATE)
     expected = flat.reduce(part.density(plane)).basis.frequencies
     solid = part.in_space(6e-3)
-    print(solid.n_cells, solid.area/part.volume)
+    print(solid.n_cells, solid.area / part.volume)
     assert solid.area == pytest.approx(part.volume, rel=5e-3)
     low, high = solid.bounding_box
     np.testing.assert_allclose([low[2], high[2]], [-5e-3, 5e-3])
