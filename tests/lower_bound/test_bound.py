@@ -25,7 +25,6 @@ from spatial_slider_crank import spatial_problem
 import dolfinx_ffr as ffr
 from dolfinx_ffr.lower_bound.certificate import Bernstein
 from dolfinx_ffr.lower_bound.quasi_static import Driven, QuasiStatic, StaticBody
-from dolfinx_ffr.lower_bound.sheet import supporting
 
 COMPLIANCE = ffr.IntegralCompliance()
 
@@ -92,6 +91,7 @@ def rod() -> ffr.Problem:
     return slider_crank(MPI.COMM_SELF, (40, 4))
 
 
+@pytest.mark.slow
 def test_a_hundred_random_parts_on_a_finer_mesh_are_above(rod: ffr.Problem) -> None:
     """They are solid where the sheet is thick, but for waves: torn ones and ones that come near."""
     found = ffr.bound(rod)
@@ -114,6 +114,7 @@ def test_a_hundred_random_parts_on_a_finer_mesh_are_above(rod: ffr.Problem) -> N
     assert found.psi < min(values) < 2.0 * found.psi
 
 
+@pytest.mark.slow
 def test_sheet_and_bound_close_up_as_meshes_are_refined() -> None:
     gaps = []
     for elements in ((20, 2), (40, 4), (80, 8)):
@@ -155,8 +156,8 @@ def test_the_affine_bound_touches_psi(scene: Callable[[MPI.Intracomm], ffr.Probl
     densities = {n: random.uniform(0.3, 0.9, domain.n_cells) for n, domain in domains.items()}
     moved = {n: random.normal(size=domain.n_cells) for n, domain in domains.items()}
     state = QuasiStatic.at(bodies, cases, densities)
-    support = supporting(state, dict.fromkeys(cases, 1.0), {})
-    slopes = {name: np.sum(parts, axis=0) for name, parts in support.slopes.items()}
+    support = state.support(dict.fromkeys(cases, 1.0))
+    slopes = {name: history.integrals for name, history in support.histories.items()}
     touched = support.constant + sum(slopes[n] @ x for n, x in densities.items())
     assert touched == pytest.approx(psi(0.0), rel=1e-7)
     differences = (psi(1e-4) - psi(-1e-4)) / 2e-4

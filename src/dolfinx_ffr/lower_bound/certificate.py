@@ -22,8 +22,8 @@ from mpi4py import MPI
 import numpy as np
 
 from ..arrays import Array
-from .quasi_static import BodyHistory, StaticBody
-from .sheet import Support, multiplier, room_of
+from ..fem import Domain
+from .quasi_static import BodyHistory, StaticBody, Support
 
 #: How often cells are divided; each time the error by quadrature falls to about a quarter
 _DIVISIONS = 3
@@ -87,29 +87,74 @@ class Bernstein:
         return parts
 
 
-def certified(
+def least_over_cells(
     support: Support, bodies: Mapping[str, StaticBody], volume: Mapping[str, float]
 ) -> float:
-    """The least value of an affine bound over all densities at points, from below; collective.
+    """The least value of an affine bound over densities that are constant in cells; collective."""
+    value = support.constant
+    for name, history in support.histories.items():
+        domain = bodies[name].body.domain
+        means = (history.integrals / domain.cell_volumes)[:, None]
+        value += _least(domain, history.integrals, means, volume.get(name), None)
+    return value
+
+
+def least_over_points(
+    support: Support, bodies: Mapping[str, StaticBody], volume: Mapping[str, float]
+) -> float:
+    """The least value of an affine bound over all densities, from below; collective.
 
     Raises:
         ValueError: On every rank, if a mesh has cells in which g is no polynomial.
     """
     value = support.constant
-    for name, body in bodies.items():
-        domain = body.body.domain
-        integrals = np.sum(support.slopes[name], axis=0)
-        value += domain.sum(np.where(domain.solid_cells, integrals, 0.0))
+    for name, history in support.histories.items():
+        domain = bodies[name].body.domain
         basis = Bernstein(domain.cell, 2 * domain.order)
-        coefficients = _coefficients(basis, body, support.histories[name])
-        room = room_of(domain, volume.get(name))
-        designed = domain.design_cells
-        means = np.where(designed, coefficients.mean(axis=1), np.inf)
-        cost = multiplier(domain.everywhere(means), domain.everywhere(domain.cell_volumes), room)
-        sizes = domain.cell_volumes[designed]
-        value += domain.sum(np.array(_least(basis, coefficients[designed] + cost, sizes)))
-        value -= cost * room if cost else 0.0
+        coefficients = _coefficients(basis, bodies[name], history)
+        value += _least(domain, history.integrals, coefficients, volume.get(name), basis)
     return value
+
+
+def room_of(domain: Domain, share: float | None) -> float:
+    """Volume that designed cells may have besides those that stay solid; inf without a bound."""
+    if share is None:
+        return np.inf
+    return share * domain.area - domain.sum(domain.cell_volumes * domain.solid_cells)
+
+
+def _least(
+    domain: Domain,
+    integrals: Array,
+    coefficients: Array,
+    share: float | None,
+    basis: Bernstein | None,
+) -> float:
+    """The least integral of x g over a body, from below, that fills at most a ``share`` of it.
+
+    Args:
+        domain: The body, whose cells stay solid in part.
+        integrals: Of g over cells, shape (cells,).
+        coefficients: Of g in cells, shape (cells, polynomials).
+        share: None for any.
+        basis: The polynomials of the coefficients; None where g is constant in each cell.
+    """
+    designed, sizes, room = domain.design_cells, domain.cell_volumes, room_of(domain, share)
+    means = np.where(designed, coefficients.mean(axis=1), np.inf)
+    cost = _multiplier(domain.everywhere(means), domain.everywhere(sizes), room)
+    negative = _negative_part(basis, coefficients[designed] + cost, sizes[designed])
+    solid = float(np.sum(integrals[domain.solid_cells]))
+    return domain.sum(np.array(negative + solid)) - (cost * room if cost else 0.0)
+
+
+def _multiplier(g: Array, sizes: Array, room: float) -> float:
+    """The multiplier of the volume where x g is least for densities x in [0, 1] of cells.
+
+    The cells have the mean ``g`` and the volumes ``sizes``, of which ``room`` may be filled.
+    """
+    order = np.argsort(g)
+    full = np.cumsum(sizes[order]) > room
+    return max(0.0, -float(g[order][np.argmax(full)])) if np.any(full) else 0.0
 
 
 def _coefficients(basis: Bernstein, body: StaticBody, history: BodyHistory) -> Array:
@@ -131,12 +176,13 @@ def _coefficients(basis: Bernstein, body: StaticBody, history: BodyHistory) -> A
     return coefficients
 
 
-def _least(basis: Bernstein, c: Array, sizes: Array) -> float:
+def _negative_part(basis: Bernstein | None, c: Array, sizes: Array) -> float:
     """Integral of min(0, .) over cells, from below, of coefficients ``c`` and volumes ``sizes``."""
     total = 0.0
-    for division in range(_DIVISIONS + 1):
-        mixed = (c.min(axis=1) < 0.0) & (c.max(axis=1) > 0.0) & (division < _DIVISIONS)
+    for division in range(_DIVISIONS if basis else 0, -1, -1):
+        mixed = (c.min(axis=1) < 0.0) & (c.max(axis=1) > 0.0) & (division > 0)
         total += float(sizes[~mixed] @ np.minimum(c[~mixed], 0.0).mean(axis=1))
-        c = np.concatenate([c[mixed] @ part.T for part in basis.divided])
-        sizes = np.tile(sizes[mixed] / len(basis.divided), len(basis.divided))
+        if basis and division:
+            c = np.concatenate([c[mixed] @ part.T for part in basis.divided])
+            sizes = np.tile(sizes[mixed] / len(basis.divided), len(basis.divided))
     return total

@@ -13,7 +13,7 @@ from ..documentation import Shown
 from ..objective import IntegralCompliance, PowerMean, WeightedSum, WorstCase
 from ..parallel import on_every_rank
 from ..problem import Problem
-from .certificate import certified
+from .certificate import least_over_points
 from .quasi_static import Driven, QuasiStatic, StaticBody
 from .sheet import best_sheet
 
@@ -121,7 +121,7 @@ def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None
             f"{full.psi:.4g}, and {static:.4g} without vibrations, for which alone there is a bound"
         )
     sheet, support = best_sheet(bodies, cases, shares, problem.combine, _TOLERANCE, _STEPS)
-    psi = certified(support, bodies, shares)
+    psi = least_over_points(support, bodies, shares)
     if not psi > 0.0:
         raise ValueError("bound: on this mesh it is not above zero; take smaller elements")
     return LowerBound(

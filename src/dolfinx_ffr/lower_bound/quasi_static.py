@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -106,10 +107,27 @@ class BodyHistory:
     Attributes:
         loads: y_k for each field F_k, shape (dofs, fields).
         strains: w_l, shape (dofs, l).
+        by_mass: Integral of the first part of g over each cell of this rank, shape (cells,).
+        by_stiffness: Likewise of the second part.
     """
 
     loads: Block
     strains: Block
+    by_mass: Array
+    by_stiffness: Array
+
+    @property
+    def integrals(self) -> Array:
+        """Integral of g over each cell of this rank, shape (cells,)."""
+        return self.by_mass + self.by_stiffness
+
+
+class Support(NamedTuple):
+    """A bound of psi that is affine in the densities, from one history of displacements."""
+
+    weights: dict[str, float]  #: Of the load cases
+    constant: float  #: Its value without any material
+    histories: dict[str, BodyHistory]  #: By body
 
 
 class Driven:
@@ -175,8 +193,8 @@ class QuasiStatic:
                 found[label] += case.weights[name] * float(case.time_weights @ compliance)
         return found
 
-    def support(self, weights: Mapping[str, float]) -> tuple[float, dict[str, BodyHistory]]:
-        """The bound that is affine in x, of the load cases with ``weights``: constant, fields."""
+    def support(self, weights: Mapping[str, float]) -> Support:
+        """The bound that touches psi here, of the load cases with ``weights``; collective."""
         weighted, at_markers, constant = {}, {}, 0.0
         for label, case in self.cases.items():
             for name, factors in self.histories[label].items():
@@ -205,17 +223,14 @@ class QuasiStatic:
             per_unit = np.divide(1.0, unit, out=np.zeros_like(unit), where=unit > 0.0)
             roots = per_unit[:, None] * vectors[:, large] * np.sqrt(values[large])
             moved = response.displacements @ by_loads.T - body.fields @ body.rigid @ by_motions.T
-            found[name] = BodyHistory(moved, response.displacements @ roots)
-        return constant, found
+            found[name] = self._history(name, moved, response.displacements @ roots)
+        return Support(dict(weights), constant, found)
 
-    def slopes(self, histories: Mapping[str, BodyHistory]) -> dict[str, tuple[Array, Array]]:
-        """Integrals over each cell of the two parts of g, by body; each of shape (cells,)."""
-        found = {}
-        for name, history in histories.items():
-            of, fields = self.bodies[name].body.elasticity, self.bodies[name].fields
-            none = np.zeros((len(fields), 0))
-            x = self.densities[name]
-            by_mass = of.density_gradient(x, fields, -2.0 * history.loads, none, none)
-            energy = of.density_gradient(x, none, none, history.strains, history.strains)
-            found[name] = by_mass, -energy / (1.0 - _VOID)
-        return found
+    def _history(self, name: str, loads: Block, strains: Block) -> BodyHistory:
+        """The history of a body with its integrals over cells; collective."""
+        x, fields = self.densities[name], self.bodies[name].fields
+        none = np.zeros((len(fields), 0))
+        gradient = self.bodies[name].body.elasticity.density_gradient
+        by_mass = gradient(x, fields, -2.0 * loads, none, none)
+        energy = gradient(x, none, none, strains, strains) / (1.0 - _VOID)
+        return BodyHistory(loads, strains, by_mass, -energy)

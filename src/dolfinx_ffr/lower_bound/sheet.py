@@ -12,14 +12,14 @@ with the multiplier lambda of the volume. It leads downhill, and is shortened un
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import Array
 from ..fem import Domain
 from ..objective import Combination
-from .quasi_static import BodyHistory, Driven, QuasiStatic, StaticBody
+from .certificate import least_over_cells, room_of
+from .quasi_static import BodyHistory, Driven, QuasiStatic, StaticBody, Support
 
 #: Least density of a designed cell while a sheet is sought, so that nothing of it falls apart
 LEAST = 1e-3
@@ -27,25 +27,6 @@ LEAST = 1e-3
 _BISECTIONS = 60
 #: Shortest step, as a share of the full one: below it round-off decides
 _SHORTEST = 1.0 / 64.0
-
-
-@dataclass(frozen=True, eq=False)
-class Support:
-    """A bound that is affine in the densities, from one history of displacements.
-
-    Attributes:
-        weights: Of the load cases.
-        constant: Its value without any material.
-        histories: By body.
-        slopes: Of each cell by its mass and by its stiffness, by body.
-        value: Least value over all densities that are constant in cells.
-    """
-
-    weights: dict[str, float]
-    constant: float
-    histories: dict[str, BodyHistory]
-    slopes: dict[str, tuple[Array, Array]]
-    value: float
 
 
 def best_sheet(
@@ -64,67 +45,32 @@ def best_sheet(
     state = QuasiStatic.at(
         bodies, cases, {n: _filled(d, volume.get(n)) for n, d in domains.items()}
     )
-    weights = combine.slopes(state.psi)
-    best: Support | None = None
+    weights = _weights(combine, state.psi, {name: combine.weight(name) for name in cases})
+    highest, best = -np.inf, None
     for _ in range(iterations):
-        support = supporting(state, weights, volume)
-        best = support if best is None or support.value > best.value else best
+        support = state.support(weights)
+        value = least_over_cells(support, bodies, volume)
+        if value > highest:
+            highest, best = value, support
         psi = combine.value(state.psi)
-        if psi - best.value <= tolerance * psi:
+        if psi - highest <= tolerance * psi:
             break
         target = {
-            name: stepped(domains[name], x, *support.slopes[name], volume.get(name))
+            name: stepped(domains[name], x, support.histories[name], volume.get(name))
             for name, x in state.densities.items()
         }
         state, moved = _downhill(state, target, weights)
-        if not moved:
+        if not moved and not combine.bounds:
             break
         weights = _weights(combine, state.psi, weights)
     assert best is not None
     return state, best
 
 
-def supporting(
-    state: QuasiStatic, weights: Mapping[str, float], volume: Mapping[str, float]
-) -> Support:
-    """The affine bound of the displacements at a ``state``, and its least value over cells."""
-    constant, histories = state.support(weights)
-    slopes = state.slopes(histories)
-    value = constant
-    for name, parts in slopes.items():
-        domain = state.bodies[name].body.domain
-        integrals = np.sum(parts, axis=0)
-        solid = domain.sum(np.where(domain.solid_cells, integrals, 0.0))
-        designed = domain.design_cells
-        sizes, room = domain.cell_volumes, room_of(domain, volume.get(name))
-        g = np.where(designed, integrals / sizes, np.inf)
-        cost = multiplier(domain.everywhere(g), domain.everywhere(sizes), room)
-        value += solid + domain.sum(np.minimum(g + cost, 0.0) * sizes)
-        value -= cost * room if cost else 0.0
-    return Support(dict(weights), constant, histories, slopes, value)
-
-
-def room_of(domain: Domain, share: float | None) -> float:
-    """Volume that designed cells may have besides those that stay solid; inf without a bound."""
-    if share is None:
-        return np.inf
-    return share * domain.area - domain.sum(domain.cell_volumes * domain.solid_cells)
-
-
-def multiplier(g: Array, sizes: Array, room: float) -> float:
-    """The multiplier of the volume at the densities in [0, 1] with the least sum of x g sizes.
-
-    For densities of cells whose volumes are ``sizes``, of at most ``room`` in all.
-    """
-    order = np.argsort(g)
-    full = np.cumsum(sizes[order]) > room
-    return max(0.0, -float(g[order][np.argmax(full)])) if np.any(full) else 0.0
-
-
-def stepped(domain: Domain, x: Array, mass: Array, stiffness: Array, share: float | None) -> Array:
+def stepped(domain: Domain, x: Array, history: BodyHistory, share: float | None) -> Array:
     """The density to which the separable approximation leads from ``x``, by the slopes of psi."""
     sizes, designed = domain.cell_volumes, domain.design_cells
-    m, e = mass / sizes, np.maximum(-stiffness / sizes, 0.0)
+    m, e = history.by_mass / sizes, np.maximum(-history.by_stiffness / sizes, 0.0)
     room = room_of(domain, share)
 
     def at(multiplier: float) -> Array:
@@ -182,8 +128,6 @@ def _weights(
         return combine.slopes(psi)
     weighted = combine.weighted(psi)
     largest = max(weighted.values())
-    # each load case begins with a share, as the first one had all of it
-    shares = {n: before[n] / combine.weight(n) + 1e-2 for n in weighted}
-    shares = {n: share * weighted[n] / largest for n, share in shares.items()}
+    shares = {n: before[n] / combine.weight(n) * weighted[n] / largest for n in weighted}
     total = sum(shares.values())
     return {n: combine.weight(n) * shares.get(n, 0.0) / total for n in psi}
