@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+import ezdxf
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -178,17 +179,16 @@ def test_gathered_displacements_follow_the_field(comm: MPI.Comm, cell: str, orde
 
 @pytest.mark.mpi
 def test_curved_cells_are_drawn_with_middle_nodes(comm: MPI.Comm, shared_tmp_path: Path) -> None:
-    path, radius = shared_tmp_path / "disc.svg", 0.5
+    path, radius = shared_tmp_path / "disc.dxf", 0.5
     if comm.rank == 0:
-        halves = (
-            'id="rim" d="M500 0A500 500 0 0 1-500 0"',
-            'id="rest" d="M-500 0A500 500 0 0 1 500 0"',
-        )
-        paths = "".join(f"<path {half}/>" for half in halves)
-        path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg">{paths}</svg>')
+        drawing = ezdxf.new("R2010")
+        for layer, begin in (("rim", -90.0), ("rest", 90.0)):
+            look = {"layer": layer}
+            drawing.modelspace().add_arc((0, 0), radius, begin, begin + 180.0, dxfattribs=look)
+        drawing.saveas(path)
     comm.Barrier()
     rims = {"rim": "rim"}
-    domain = ffr.Domain.from_outline(comm, path, interfaces=rims, size=0.2, unit="mm", order=2)
+    domain = ffr.Domain.from_outline(comm, path, interfaces=rims, size=0.2, unit="m", order=2)
     drawn = DrawnMesh.of(domain)
     if comm.rank > 0:
         return
