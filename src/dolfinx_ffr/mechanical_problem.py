@@ -367,12 +367,16 @@ class MechanicalProblem:
 
     def parted(self, response: Response) -> MechanicalProblem:
         """The problem with `Constraint.parts` at a ``response`` in place of each constraint."""
-        constraints = [
-            single for constraint in self.constraints for single in constraint.parts(response)
-        ]
-        if len(constraints) == len(self.constraints):
-            return self
-        return replace(self, constraints=constraints)
+        return self._with_more([each.parts(response) for each in self.constraints])
+
+    def placed(self, response: Response) -> MechanicalProblem:
+        """The problem with `Constraint.places` at a ``response`` in place of each constraint."""
+        return self._with_more([each.places(response) for each in self.constraints])
+
+    def _with_more(self, constraints: list[list[Constraint]]) -> MechanicalProblem:
+        """The problem with several constraints in place of each; itself if they are as many."""
+        every = [constraint for several in constraints for constraint in several]
+        return self if len(every) == len(self.constraints) else replace(self, constraints=every)
 
     def settled(self, bodies: Bodies | Response) -> MechanicalProblem:
         """The same problem with the method and the steps that a :class:`TimeInterval` takes.

@@ -146,6 +146,34 @@ def test_stress_clear_of_interfaces_and_in_ranges(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.mpi
+def test_places_fill_the_body(comm: MPI.Intracomm) -> None:
+    """The largest stress of all is that of the worst place; on another design they are as well."""
+    whole = ffr.PeakStress("rod")
+    problem = slider_crank(comm, whole)
+    x, direction = design(problem)
+    response = problem.response(problem.value(x))
+    places = whole.places(response)
+    assert len(places) == stress.PLACES
+    values = [place.evaluate(response) for place in places]
+    assert max(values) == pytest.approx(whole.largest(response), rel=1e-12)
+
+    # each value is scale * mean; the powers of the means add up to that of all
+    powers = [(v / place.scale) ** whole.power for v, place in zip(values, places, strict=True)]
+    assert sum(powers) == pytest.approx(whole.evaluate(response) ** whole.power, rel=1e-10)
+    assert min(powers) > 0.0
+    assert len(set(comm.allgather(tuple(place.box for place in places)))) == 1
+
+    limit = ffr.Constraint(whole, upper=1e6, name="limit")
+    assert [each.label for each in limit.places(response)][:2] == [
+        "limit, place 1",
+        "limit, place 2",
+    ]
+    other = problem.response(problem.value(np.clip(x + 0.2 * direction, 0.1, 1.0)))
+    again = max(place.calibrated(other).evaluate(other) for place in places)
+    assert again == pytest.approx(whole.largest(other), rel=1e-12)
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("power", [8.0, 64.0])
 def test_blocks_ranks_units_and_large_powers(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch, power: float

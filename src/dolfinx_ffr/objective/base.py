@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Protocol
 
@@ -16,6 +16,8 @@ from ..documentation import Shown
 from ..dynamics import Trajectory, TrajectoryBar
 
 Bodies = Mapping[str, VolumeIntegrals]
+#: What follows the label of a constraint in that of one of its `Constraint.places`
+_PLACE = ", place "
 
 
 def _alone(local: Array) -> list[Array]:
@@ -62,6 +64,10 @@ class StressField(Protocol):
     @property
     def weights(self) -> Array:
         """Area that each point stands for, in space volume, shape (cells, points) [m^2], [m^3]."""
+
+    @property
+    def points(self) -> Array:
+        """Where the stress is given, undeformed, shape (cells, points, dimension) [m]."""
 
     @property
     def interface_distance(self) -> Array:
@@ -318,6 +324,14 @@ class Objective(ABC):
         """
         return [self]
 
+    def places(self, response: Response) -> list[Objective]:
+        """Objectives of several places, of which it is the largest at a ``response``.
+
+        Only :class:`PeakStress` has several; others return themselves alone. In contrast to
+        `parts` they can be evaluated on other meshes, too.
+        """
+        return [self]
+
     def _summands(self) -> list[tuple[float, Objective]]:
         """The objective as weights and terms of a sum."""
         return [(1.0, self)]
@@ -460,17 +474,29 @@ class Constraint:
 
     def parts(self, response: Response) -> list[Constraint]:
         """Constraints on `Objective.parts` at a ``response``, which hold where this one does."""
-        objectives = self.objective.parts(response)
+        return self._each(self.objective.parts(response), ", part ")
+
+    def places(self, response: Response) -> list[Constraint]:
+        """Constraints on `Objective.places` at a ``response``, which hold where this one does."""
+        return self._each(self.objective.places(response), _PLACE)
+
+    def _each(self, objectives: Sequence[Objective], named: str) -> list[Constraint]:
+        """A constraint on each of the ``objectives``, of which that of this one is the largest."""
         if len(objectives) == 1 or self.upper is None:
             return [self]
         return [
-            replace(self, objective=objective, name=f"{self.label}, part {k}")
+            replace(self, objective=objective, name=f"{self.label}{named}{k}")
             for k, objective in enumerate(objectives, 1)
         ]
 
     def scaled(self, psi: float) -> float:
         """The value of g at the objective's value ``psi``, at most zero where the bound holds."""
         return self.slope * (psi - self.bound)
+
+
+def whole(label: str) -> str:
+    """The label of the constraint of which one of `Constraint.places` has this ``label``."""
+    return label.rpartition(_PLACE)[0]
 
 
 def value_of(objective: Objective, response: Response, where: str = "") -> float:

@@ -30,6 +30,11 @@ from .time_average import time_weights
 _KEPT = 4_000_000
 #: Where ranges of stress below the largest one begin, as shares of it
 LEVELS = (0.75, 0.9, 0.97)
+#: Boxes into which a body is divided for `PeakStress.places`
+PLACES = 8
+
+#: Lower and upper corner of a box [m]
+Box = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 def von_mises_root(out_of_plane: float, components: int = 3) -> Array:
@@ -86,6 +91,8 @@ class PeakStress(Objective):
     scale: float = 1.0
     clear: float = 0.0
     counted: Mask | None = field(default=None, repr=False, compare=False)
+    #: Only points in this box of the undeformed body count; None for all
+    box: Box | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         what = "peak stress"
@@ -146,6 +153,22 @@ class PeakStress(Objective):
                 ranges.append(replace(self, counted=counted).calibrated(response))
         return ranges
 
+    def places(self, response: Response) -> list[Objective]:
+        """The largest stress of each of some boxes that fill the body, at a ``response``.
+
+        Where the stress is nearly uniform, a mean over all of the body changes at once with the
+        strength of each place, and does not say which of them needs more. So the boxes have equal
+        shares in the mean: they are small where the stress is high.
+        """
+        mean, field = self._mean(response), response.stresses[self.body]
+        if mean.largest == 0.0:
+            return [self]
+        shares = field.weights * (mean.highest / mean.largest) ** (0.5 * self.power)
+        dimension = field.points.shape[2]
+        points = np.vstack(field.gathered(field.points.reshape(-1, dimension)))
+        boxes = _boxes(points, np.concatenate(field.gathered(shares.ravel())), PLACES)
+        return [replace(self, box=box).calibrated(response) for box in boxes]
+
     def derivatives(self, response: Response) -> Derivatives:
         mean = self._mean(response)
         points = response.known[self._key][1] or self._points(response)
@@ -179,6 +202,10 @@ class PeakStress(Objective):
             share[field.interface_distance.ravel() < self.clear] = 0.0
         if self.counted is not None:
             share[~self.counted.ravel()] = 0.0
+        if self.box is not None:
+            low, high = self.box
+            inside = np.all((field.points >= low) & (field.points < high), axis=2)
+            share[~inside.ravel()] = 0.0
         chosen = np.flatnonzero(share)
         area = sum(field.gathered(float(np.sum(field.weights))))
         modes, options = field.modes(self.correction), {"correction": self.correction}
@@ -227,6 +254,37 @@ class _Points:
         if len(values) < total:
             all_values[self.chosen] = values
         return all_values.reshape(*self.shape, *values.shape[1:])
+
+
+def _boxes(points: Array, shares: Array, count: int) -> list[Box]:
+    """So many boxes that fill space, with nearly equal ``shares`` (points,) of ``points``.
+
+    Boxes are cut across the direction in which their points are spread farthest.
+    """
+
+    def cut(low: Array, high: Array, inside: Integers, count: int) -> list[Box]:
+        weights = shares[inside]
+        center = np.average(points[inside], axis=0, weights=weights)
+        spread = np.average((points[inside] - center) ** 2, axis=0, weights=weights)
+        axis = int(np.argmax(spread))
+        places, index = np.unique(points[inside, axis], return_inverse=True)
+        if count == 1 or len(places) == 1:
+            return [(tuple(low.tolist()), tuple(high.tolist()))]
+        fewer = count // 2
+        reached = np.cumsum(np.bincount(index, weights))
+        last = int(np.searchsorted(reached, reached[-1] * fewer / count))
+        last = min(last, len(places) - 2)
+        at = 0.5 * (places[last] + places[last + 1])
+        below = index <= last
+        split_high, split_low = high.copy(), low.copy()
+        split_high[axis] = split_low[axis] = at
+        return [
+            *cut(low, split_high, inside[below], fewer),
+            *cut(split_low, high, inside[~below], count - fewer),
+        ]
+
+    everywhere = np.full(points.shape[1], math.inf)
+    return cut(-everywhere, everywhere, np.flatnonzero(shares > 0.0), count)
 
 
 def is_stress(objective: Objective) -> bool:

@@ -280,13 +280,19 @@ class DesignLoop:
         return evaluation
 
     def differentiate(
-        self, evaluation: Evaluation, distance: Distance, iteration: int
+        self,
+        evaluation: Evaluation,
+        distance: Distance,
+        iteration: int,
+        problem: Problem | None = None,
     ) -> Evaluation:
         """The ``evaluation`` with its gradient, whose report goes into the history.
 
         ``distance`` is that from the active boundary, see `GradientMethod`, at an ``iteration``.
+        The ``problem`` that was evaluated is that of the loop, unless another one is given.
         """
-        found, self._reports = self.gradient(self.problem, evaluation, distance, iteration)
+        problem = problem or self.problem
+        found, self._reports = self.gradient(problem, evaluation, distance, iteration)
         given = {"psi": found.gradient}
         given |= {f"constraint {n!r}": each.gradient for n, each in found.constraints.items()}
         for name, gradient in given.items():

@@ -28,7 +28,9 @@ of log psi.
 
 `PeakStress` is corrected to the largest stress at each design that is kept, and its slope has the
 same scale (Le et al., doi:10.1007/s00158-009-0440-y): constraints, and which design is best, are
-judged by the largest stress itself.
+judged by the largest stress itself. As soon as nothing becomes sharper, a bound on it is one bound
+for each of some places (`PeakStress.places`): where the stress is nearly the same everywhere, the
+one slope of a mean cannot say which place needs more material.
 """
 
 from __future__ import annotations
@@ -41,13 +43,16 @@ from typing import Any
 import numpy as np
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from ..design import Design, Variables, shrunk
 from ..dynamics import SimulationError
-from ..problem import Evaluation
+from ..mechanical_problem import ConstraintValue, MechanicalProblem
+from ..objective import whole
+from ..problem import Evaluation, Problem
 from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Optimizer
 from .moving_asymptotes import Asymptotes, Secants
 from .result import Result
+from .sizing import Sizing
 
 #: Iterations over which a merit that changes by less than the tolerance stands still
 WINDOW = 8
@@ -119,7 +124,7 @@ class MMA(Optimizer):
             # the best feasible crisp design, or else the last one
             chosen = point.asymptotes.x if point.best is None else point.best
             made = run.designs(point.progress, nominal=True)
-            told = run.evaluation(point, now, chosen)
+            told = run.evaluation(point, now.evaluation, chosen)
             return loop.result(made, run.split(chosen), told, reason, volume, point.residual)
 
 
@@ -140,6 +145,26 @@ class _Point:
     #: How far the merit could still fall to first order when this was last computed
     residual: float = math.nan
     converged: bool = False  #: The design that is kept fulfils the first-order conditions
+
+
+@dataclass(frozen=True, eq=False)
+class _Functions:
+    """Values and gradients of all functions at a point, by which the next step is found."""
+
+    slope: Array  #: Of the objective, (n,)
+    values: Array  #: (m,): first those whose largest one is minimised, then the constraints
+    slopes: Array  #: Their gradients, (m, n)
+    bounded: int  #: How many they are whose largest one is minimised
+    of: Integers  #: Number of the constraint in `_Point.bounds` that each other one belongs to
+    same: Mask  #: Which of all functions, (1 + m,), are the same ones at the next point
+
+
+@dataclass(frozen=True, eq=False)
+class _Now:
+    """The evaluation of the design that is kept, and all functions there."""
+
+    evaluation: Evaluation
+    functions: _Functions
 
 
 class _Run:
@@ -170,7 +195,7 @@ class _Run:
         parts, designs = self.split(variables), self.designs(progress, nominal=nominal)
         return {name: design.point(parts[name]) for name, design in designs.items()}
 
-    def begin(self, start: Mapping[str, Array]) -> tuple[_Point, Evaluation]:
+    def begin(self, start: Mapping[str, Array]) -> tuple[_Point, _Now]:
         """The first point, lowered until the volume bounds hold, with its evaluation."""
         first = {name: design.begin(start[name]) for name, design in self._designs.items()}
         for name, design in self.designs(0.0).items():
@@ -178,39 +203,37 @@ class _Run:
                 first[name] = shrunk(design, first[name], self.volume[name])
         variables = np.concatenate(list(first.values()))
         x = self.x(variables, 0.0)
-        now = self.loop.calibrated(self.loop.accurate(self.loop.value(x), x, 0))
-        bounds = self.bounds(variables, self.made(variables, now, 0.0), 0.0)
+        found = self.loop.calibrated(self.loop.accurate(self.loop.value(x), x, 0))
+        bounds = self.bounds(variables, self.made(variables, found, 0.0), 0.0)
         state = Asymptotes(self.lower, self.upper, variables, self.options.move)
-        merit = self.merit(variables, now, 0.0)
+        merit = self.merit(variables, found, 0.0)
         point = self.with_best(_Point(state, np.zeros(len(bounds)), bounds, merit=merit))
-        now = self.differentiate(now, point)
-        self.record(point, now, x, accepted=True, step=0.0, multiplier=0.0)
+        now = self.differentiate(found, point)
+        self.record(point, now.evaluation, x, accepted=True, step=0.0, multiplier=0.0)
         return point, now
 
-    def iterate(self, point: _Point, now: Evaluation) -> tuple[_Point, Evaluation]:
+    def iterate(self, point: _Point, now: _Now) -> tuple[_Point, _Now]:
         """The point after one step, and the evaluation of the design that is kept."""
         iteration, progress = point.iteration + 1, point.progress
         if not point.held:  # else sharpening may have broken a constraint
             progress = min(iteration / self.loop.stage_iterations, 1.0)
         sharpens = self.changes(point.progress, progress)
 
-        slope, slopes = self.functions(point, now)
-        peaks, peak_slopes = self.peaks(point, now)
-        values = np.concatenate([peaks, point.bounds + point.margins])
-        every = np.vstack([peak_slopes, slopes])
-        gradients = np.vstack([slope, every])
-        state = replace(point.asymptotes, secants=None)
+        functions, state = now.functions, replace(point.asymptotes, secants=None)
+        margins = np.concatenate([np.zeros(functions.bounded), point.margins[functions.of]])
         if not sharpens:
+            gradients = np.vstack([functions.slope[None], functions.slopes])
             before = point.asymptotes.secants or Secants.begin(state.x, gradients)
-            state = replace(state, secants=before.next(state.x, gradients))
-        tried, multipliers = state.step(slope, values, every, bounded=len(peaks))
+            state = replace(state, secants=before.next(state.x, gradients, functions.same))
+        step = functions.values + margins, functions.slopes, functions.bounded
+        tried, multipliers = state.step(functions.slope, *step)
         # every rank has computed the same, and its own last bits may decide nothing
         tried = replace(tried, x=self.loop.comm.bcast(tried.x, root=0))
 
         # of the constraints as they were given, not as they are tightened
-        bounds = np.concatenate([peaks, point.bounds])
-        arguments = (slope, bounds, every, multipliers, self.options.move, len(peaks))
-        residual = self.loop.comm.bcast(state.possible_gain(*arguments), root=0)
+        given = functions.values, functions.slopes, multipliers, self.options.move
+        gain = state.possible_gain(functions.slope, *given, functions.bounded)
+        residual = self.loop.comm.bcast(gain, root=0)
         point = replace(point, residual=residual)
         small = residual < self.options.tolerance and _largest(point.bounds) <= FEASIBLE
         if small and not sharpens and self.may_be_result(point.progress):
@@ -218,7 +241,8 @@ class _Run:
 
         # the largest change of a variable as a share of its range
         size = float(np.max(np.abs(tried.x - state.x) / (self.upper - self.lower)))
-        prices = multipliers[len(peaks) :]
+        prices = np.zeros(len(point.bounds))  # those of all places of a constraint together
+        np.add.at(prices, functions.of, multipliers[functions.bounded :])
         said = {"step": size, "multiplier": float(prices[0]) if len(prices) else 0.0}
         x = self.x(tried.x, progress)
         try:
@@ -226,35 +250,41 @@ class _Run:
         except SimulationError:  # so soft that it cannot move
             found = None
         if sharpens:
-            apart, broken = self.judged(point, now, tried.x, found, progress)
+            apart, broken = self.judged(point, now.evaluation, tried.x, found, progress)
         else:
             apart, broken = not self.better(point, tried.x, found, prices), False
         if found is None or apart:
             kept = replace(point, iteration=iteration, rejected=point.rejected + 1, held=broken)
             kept = replace(kept, asymptotes=tried.retreat(state))
-            self.record(kept, now, self.x(state.x, point.progress), accepted=False, **said)
+            x = self.x(state.x, point.progress)
+            self.record(kept, now.evaluation, x, accepted=False, **said)
             return kept, now
         found = self.loop.calibrated(self.loop.accurate(found, x, iteration))
         bounds = self.bounds(tried.x, self.made(tried.x, found, progress), progress)
         merit = self.merit(tried.x, found, progress)
-        after = replace(tried, move=min(RECOVER * tried.move, self.options.move))
-        moved = replace(point, asymptotes=after, bounds=bounds, merit=merit, rejected=0, held=False)
+        tried = replace(tried, move=min(RECOVER * tried.move, self.options.move))
+        moved = replace(point, asymptotes=tried, bounds=bounds, merit=merit, rejected=0, held=False)
         moved = replace(moved, iteration=iteration, progress=progress)
         if self.may_be_result(progress):
             # tightened by what is violated, relaxed slowly where nothing is
             near = (bounds > 0.0) & (bounds < (NEAR if sharpens else VIOLATED))
             margins = np.where(near, point.margins + bounds, 0.9 * point.margins)
             moved = self.with_best(replace(moved, margins=margins))
+        after = _Now(found, functions)
         if iteration < self.loop.iterations:
-            found = self.differentiate(found, moved)
-        self.record(moved, found, x, accepted=True, **said)
-        return moved, found
+            after = self.differentiate(found, moved)
+        self.record(moved, after.evaluation, x, accepted=True, **said)
+        return moved, after
 
     def changes(self, before: float, after: float) -> bool:
         """Whether variables make other densities at a later progress than before."""
         if before == after:
             return False
         return any(design.at(after) is not design for design in self._designs.values())
+
+    def settled(self, progress: float) -> bool:
+        """Whether what is analysed is the design itself, and becomes no sharper."""
+        return not self.changes(progress, 1.0) and not self.eroded(progress)
 
     def may_be_result(self, progress: float) -> bool:
         """Whether designs are as crisp as a result, or will never be crisper."""
@@ -339,10 +369,11 @@ class _Run:
         volumes = [filled[name] / bound - 1.0 for name, bound in self.volume.items()]
         return np.array([*volumes, *(c.violation for c in made.constraints.values())])
 
-    def functions(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:
-        """The slope of the merit, (n,), and those of the constraints, (m, n).
+    def functions(self, point: _Point, evaluation: Evaluation, labels: Sequence[str]) -> _Functions:
+        """All functions by an ``evaluation`` with gradients, of constraints with ``labels``.
 
-        Where the largest of several values is minimised, the slope is that of the penalty alone.
+        In the place of a constraint there may be several, each of which bounds the same at a place
+        of its own. Where the largest of several values is minimised, the objective is the penalty.
         """
         parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
         nominal = self.designs(point.progress, nominal=True)
@@ -351,13 +382,30 @@ class _Run:
             domain = self.loop.domains[name]
             share = domain.cell_volumes / domain.area / bound
             self.split(row)[name][:] = _by_variables(name, nominal[name], parts[name], share)
-        others = [constraint.gradient for constraint in evaluation.constraints.values()]
-        slopes = np.vstack([volumes, self.pulled_back(point, others)])
         slope = np.concatenate([d.penalty(parts[n])[1] for n, d in designs.items()])
         if not self.loop.problem.combine.bounds:
             own = self.pulled_back(point, [evaluation.gradient])[0]
             slope = self.loop.logarithm.slope(evaluation.psi) * own + slope
-        return slope, slopes
+        peaks, peak_slopes = self.peaks(point, evaluation)
+
+        constraints = evaluation.constraints.values()
+        gradients = self.pulled_back(point, [constraint.gradient for constraint in constraints])
+        slopes = np.vstack([peak_slopes, volumes, gradients])
+
+        placed = np.array([label not in labels for label in evaluation.constraints], dtype=bool)
+        wholes = [n if n in labels else whole(n) for n in evaluation.constraints]
+        of = len(volumes) + np.array([labels.index(name) for name in wholes], dtype=int)
+        # a constraint without places is that of the nominal design
+        at_places = np.array([constraint.violation for constraint in constraints])
+        bounds = np.where(placed, at_places, point.bounds[of])
+        return _Functions(
+            slope,
+            np.concatenate([peaks, point.bounds[: len(volumes)], bounds]),
+            slopes,
+            len(peaks),
+            np.concatenate([np.arange(len(volumes)), of]),
+            np.concatenate([np.full(1 + len(slopes) - len(placed), True), ~placed]),
+        )
 
     def peaks(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:
         """The functions whose largest value is minimised, and their slopes; of `WorstCase` alone.
@@ -391,15 +439,27 @@ class _Run:
             found.append(np.concatenate(own)[None])
         return np.concatenate(found)
 
-    def differentiate(self, evaluation: Evaluation, point: _Point) -> Evaluation:
-        """An evaluation with its gradient."""
+    def differentiate(self, evaluation: Evaluation, point: _Point) -> _Now:
+        """An evaluation with its gradient.
+
+        Where designs become no sharper a bound on the largest stress is one on that of each place:
+        at nearly uniform stress one slope cannot say which places need more material.
+        """
         parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
 
         def distance(name: str) -> Array | None:
             design = designs[name]
             return design.distance(parts[name]) if isinstance(design, Design) else None
 
-        return self.loop.differentiate(evaluation, distance, point.iteration)
+        labels = list(evaluation.constraints)
+        placed, given = self.loop.problem, evaluation
+        if self.settled(point.progress) and isinstance(placed, Problem | Sizing):
+            placed, given = placed.adapted(evaluation, MechanicalProblem.placed)
+        found = self.loop.differentiate(given, distance, point.iteration, placed)
+        functions = self.functions(point, found, labels)
+        if placed is not self.loop.problem:
+            found = _with_largest(evaluation, found)
+        return _Now(found, functions)
 
     def ended(self, point: _Point) -> str:
         """Why the run ends here, or nothing."""
@@ -460,7 +520,7 @@ class _Run:
             state={**kept, "x": state.x, "move": state.move} if point.iteration else None,
         )
 
-    def load(self, data: Mapping[str, Any]) -> tuple[_Point, Evaluation]:
+    def load(self, data: Mapping[str, Any]) -> tuple[_Point, _Now]:
         """The point of an earlier run, evaluated anew."""
         arrays = {n: np.asarray(data[n]) if len(data[n]) else None for n in (*STATE, "best")}
         best, x, progress = arrays.pop("best"), np.asarray(data["x"]), float(data["progress"])
@@ -468,12 +528,12 @@ class _Run:
             secants = [np.asarray(data[f"secant {name}"]) for name in SECANTS]
             arrays["secants"] = Secants(*secants)  # type: ignore[assignment]
         state = Asymptotes(self.lower, self.upper, x, float(data["move"]), **arrays)  # type: ignore[arg-type]
-        now = self.loop.calibrated(self.loop.value(self.x(x, progress)))
+        found = self.loop.calibrated(self.loop.value(self.x(x, progress)))
         numbers = {name: kind(data[name]) for name, kind in NUMBERS.items()}
-        bounds = self.bounds(x, self.made(x, now, progress), progress)
+        bounds = self.bounds(x, self.made(x, found, progress), progress)
         point = _Point(state, np.asarray(data["margins"]), bounds, best=best, **numbers)
-        self.loop.resumed(now)
-        return point, self.differentiate(now, point)
+        self.loop.resumed(found)
+        return point, self.differentiate(found, point)
 
     def identity(self) -> dict[str, Any]:
         """The entries that a checkpoint and the run that reads it have in common."""
@@ -496,6 +556,25 @@ def _by_variables(name: str, design: Variables, variables: Array, bar: Array | N
     return design.pullback(
         variables, validation.real_array(f"optimize: the derivative by {name!r}", bar)
     )
+
+
+def _with_largest(evaluation: Evaluation, found: Evaluation) -> Evaluation:
+    """An ``evaluation`` with the gradients that were ``found`` with a constraint at each place.
+
+    A constraint on all places has the gradient of the worst one.
+    """
+    worst: dict[str, ConstraintValue] = {}
+    for label, place in found.constraints.items():
+        name = label if label in evaluation.constraints else whole(label)
+        if name not in worst or place.violation > worst[name].violation:
+            worst[name] = place
+    cases = {
+        name: replace(case, constraints=evaluation.load_cases[name].constraints)
+        for name, case in found.load_cases.items()
+    }
+    names = ["gradient", "integrals_gradient", "nodes", "centers", "parameters"]
+    new = {name: getattr(found, name) for name in [*names, "solver_iterations", "seconds"]}
+    return replace(evaluation, **new, constraints=worst, load_cases=cases)
 
 
 def _largest(bounds: Array) -> float:

@@ -37,7 +37,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import nnls
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 
 #: Distance of the asymptotes in shares of the range: at first, at least, at most
 FIRST, LEAST, MOST = 0.5, 0.01, 10.0
@@ -72,8 +72,12 @@ class Secants:
         """The first point, where nothing is known of second derivatives."""
         return cls(x, gradients, np.zeros_like(gradients))
 
-    def next(self, x: Array, gradients: Array) -> Secants:
-        """The secants that end at another point."""
+    def next(self, x: Array, gradients: Array, same: Mask | bool = True) -> Secants:
+        """The secants that end at another point.
+
+        ``same`` (1 + m,) tells which functions are those of the point before; of the others nothing
+        is known.
+        """
         if gradients.shape != self.gradients.shape:
             return Secants.begin(x, gradients)
         change = x - self.x
@@ -83,7 +87,9 @@ class Secants:
         changed = np.abs(change) > CHANGED * largest
         quotients = (gradients - self.gradients) / np.where(changed, change, 1.0)
         curvature = np.maximum(quotients, MEMORY * self.curvature)
-        return Secants(x, gradients, np.where(changed, curvature, self.curvature))
+        curvature = np.where(changed, curvature, self.curvature)
+        known = np.broadcast_to(same, len(gradients))
+        return Secants(x, gradients, np.where(known[:, None], curvature, 0.0))
 
 
 @dataclass(frozen=True, eq=False)

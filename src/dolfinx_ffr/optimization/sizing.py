@@ -16,7 +16,8 @@ from mpi4py import MPI
 from ..arrays import Array
 from ..design import DimensionDesign, DimensionMotion, Variables
 from ..dynamics import SimulationError
-from ..problem import Evaluation, Problem, lengths_of_placements
+from ..mechanical_problem import MechanicalProblem
+from ..problem import Change, Evaluation, Problem, lengths_of_placements
 from ..reduction import FlexibleBody
 from .enough_modes import with_enough_modes, with_steps_for
 from .result import Result, of_problem, warn
@@ -105,9 +106,15 @@ class Sizing:
 
     def calibrated(self, evaluation: SizedEvaluation) -> tuple[Sizing, SizedEvaluation]:
         """As `Problem.calibrated`, for this and all later designs."""
+        return self.adapted(evaluation, MechanicalProblem.calibrated_at)
+
+    def adapted(
+        self, evaluation: SizedEvaluation, changed: Change
+    ) -> tuple[Sizing, SizedEvaluation]:
+        """As `Problem.adapted`, for this and all later designs."""
         before = evaluation.problem
         assert before is not None
-        problem, found = before.calibrated(evaluation)
+        problem, found = before.adapted(evaluation, changed)
         if problem is before:
             return self, evaluation
         sizing = Sizing(problem, self._designs)

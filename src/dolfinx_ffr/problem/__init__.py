@@ -6,4 +6,5 @@ from __future__ import annotations
 from .bodies import DesignedBodies, lengths_of_placements
 from .evaluation import Evaluation as Evaluation
 from .evaluation import LoadCaseEvaluation as LoadCaseEvaluation
+from .problem import Change as Change
 from .problem import Problem as Problem

@@ -44,6 +44,7 @@ from .load_cases import LoadCases, apart, check_influence, parametric, shared, w
 from .own_objectives import check_integrals, replicated
 from .spread import WORK, Job, adjoints, checked_memory, chosen_again, chosen_before, trajectories
 
+#: From a load case and its response to another load case
 Change = Callable[[MechanicalProblem, Response], MechanicalProblem]
 #: Name of a load case that is the only one
 LOAD_CASE = "load case"
