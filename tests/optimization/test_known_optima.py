@@ -87,10 +87,12 @@ def test_a_bar_that_hangs_with_a_mass_at_its_end(ratio: float) -> None:
 
 # it is straight for good, so that the bending that would grow without bound never begins
 @pytest.mark.filterwarnings("ignore:body 'arm' turns with")
+# one triangle across is enough for a bar that is only pulled
+@pytest.mark.filterwarnings("ignore:outline. size = ")
 # long steps damp the vibrations of the start, as they should: the steady state is wanted
 @pytest.mark.filterwarnings("ignore:the start excites vibrations")
 @pytest.mark.slow
-@pytest.mark.parametrize(("chi", "stations"), [(0.25, 4), (0.5, 4), (0.75, 6)])
+@pytest.mark.parametrize(("chi", "stations"), [(0.25, 4), (0.75, 6)])
 def test_a_spinning_arm_of_least_mass_for_a_stress(chi: float, stations: int) -> None:
     """An arm that turns at a constant speed with a mass at its end, by its widths at stations.
 
@@ -102,7 +104,7 @@ def test_a_spinning_arm_of_least_mass_for_a_stress(chi: float, stations: int) ->
     """
     length, density, thickness, limit = 0.3, 7850.0, 0.01, 100e6
     speed = chi * math.sqrt(2.0 * limit / density) / length
-    even = 0.015  # width of the even arm that just meets the limit
+    even = 1.4e-3  # width of the even arm that just meets the limit
     mass = density * length * thickness * even * (1.0 - chi**2) / (2.0 * chi**2)
     least = mass * speed**2 * length / limit / thickness
     places, names = np.linspace(0.0, length, stations + 1), [f"w{i}" for i in range(stations + 1)]
@@ -113,7 +115,7 @@ def test_a_spinning_arm_of_least_mass_for_a_stress(chi: float, stations: int) ->
         ends = {"left": lambda p: p[0] < 1e-9, "right": lambda p: p[0] > length - 1e-9}
         return {"outline": Polygon(outline), "interfaces": ends}
 
-    bounds = dict.fromkeys(names, (0.3 * least, 3.0 * even))
+    bounds = dict.fromkeys(names, (0.8 * least, 3.0 * even))
     design = ffr.DimensionDesign(shape, bounds, size=6e-3, start=dict.fromkeys(names, 1.3 * even))
     steel = ffr.PlaneStress(210e9, 0.0, density, thickness)
     domain = design.domain(MPI.COMM_SELF)

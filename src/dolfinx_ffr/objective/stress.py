@@ -80,6 +80,8 @@ class PeakStress(Objective):
         clear: Distance from interfaces within which no stress counts [m]: interfaces are rigid, and
             where an edge begins at one the stress grows without limit as meshes are refined.
         counted: Of one mesh the points that count, (cells, points) of this rank; None for all.
+        box: Lower and upper corner of a box of the undeformed body, whose points alone count [m];
+            None for all.
     """
 
     unit: ClassVar[str] = "Pa"
@@ -91,7 +93,6 @@ class PeakStress(Objective):
     scale: float = 1.0
     clear: float = 0.0
     counted: Mask | None = field(default=None, repr=False, compare=False)
-    #: Only points in this box of the undeformed body count; None for all
     box: Box | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
