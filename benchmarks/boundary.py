@@ -2,7 +2,7 @@
 """Parts whose boundary was moved: from many starts and meshes, for psi and for the stress.
 
 Each part is one call of `optimize`, which ends with steps of the boundary; nothing is tuned from
-row to row. psi is told by the densities, by the moved boundary, and by finer meshes of its part.
+row to row. psi is that of the densities, of the moved boundary, and of finer meshes of its part.
 """
 
 import json
@@ -114,7 +114,7 @@ def _problem(elements: list[int], task: str, **rod: Any) -> ffr.Problem:
     heavy = demo("slider_crank").slider_crank(problem.integrator.end_time, SLIDER)
     peak, compliance = ffr.PeakStress("rod", clear=CLEAR), ffr.IntegralCompliance()
     limit = ffr.Constraint(peak, upper=STRESS, name="stress")
-    # what is told beside the least of the other has a bound that does not matter
+    # the reported value beside the least of the other has a bound that does not matter
     wanted = {
         "stress limit": (ffr.Volume("rod"), limit),
         LEAST[0]: (compliance, replace(limit, upper=1e3 * STRESS)),
