@@ -94,7 +94,7 @@ def petsc_vector(function: fem.Function) -> PETSc.Vec:
 
 
 def _as_table(adjacency: Any) -> NDArray[np.int32]:
-    """A regular adjacency list as a table, whichever way it is stored."""
+    """A regular adjacency list as a table."""
     if isinstance(adjacency, np.ndarray):
         return adjacency
     array = np.asarray(adjacency.array)  # a rank may hold no cells

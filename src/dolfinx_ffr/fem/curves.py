@@ -326,7 +326,7 @@ class Drawn:
     """A curve of a drawing."""
 
     curve: Curve  #: In metres
-    names: frozenset[str]  #: Its layer, and those of curves that lie on it
+    names: frozenset[str]  #: Its layer, and the layers of curves that lie on it
     #: Name of its line type if it has gaps, as those of centre lines and hidden edges, or ""
     line_type: str = ""
 

@@ -217,7 +217,7 @@ class _Visible:
 
 
 def _has_gaps(line_type: Any) -> bool:
-    """Whether a line type has gaps, as those of centre lines and hidden edges.
+    """Whether a line type has gaps, as centre lines and hidden edges have.
 
     Code 49 is the length of a dash, or of a gap if it is negative.
     """

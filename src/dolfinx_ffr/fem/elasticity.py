@@ -55,7 +55,7 @@ THICKEST_STRESS, THICKEST_STRAIN = 10.0, 1000.0
 class Matrices:
     """Stiffness and mass of a body at one density."""
 
-    #: (cells,) of this rank, the same array that was given
+    #: (cells,) of this rank; `assemble` takes no copy
     density: Array = field(repr=False)
     stiffness: PETSc.Mat = field(repr=False)  #: [N/m]
     mass: PETSc.Mat = field(repr=False)  #: [kg]
@@ -216,7 +216,7 @@ class Elasticity:
 
     @cached_property
     def _sums_form(self) -> tuple[fem.Form, list[fem.Function]]:
-        """The same of four fields of `cell_space`, and these fields."""
+        """`_node_form` of four fields of `cell_space`, and these fields."""
         fields = [fem.Function(self.cell_space) for _ in range(4)]
         return self.nodes.form(self._pairing(*fields)), fields
 
@@ -258,7 +258,7 @@ class Elasticity:
         return total
 
     def _cell_slopes(self, x: Array) -> Iterator[tuple[Array, Array]]:
-        """Those of `_solid_cells`, and slopes of their factors at the density ``x``, (cells,)."""
+        """Matrices of `_solid_cells`, and slopes of their factors at a density ``x``, (cells,)."""
         self.set_density(x)
         for matrices, form in self._solid_cells:
             slopes = self.cell_zeros()
@@ -326,7 +326,7 @@ class Elasticity:
         """(dM/dx_e) w_a and (dK/dx_e) phi_i on the nodes of element e, for every element.
 
         The density ``x`` is of shape (cells,), ``w`` of shape (dofs, a) and ``phi`` of shape
-        (dofs, i); given back are (cells, nodes, dimension, a) and (cells, nodes, dimension, i),
+        (dofs, i); returned are (cells, nodes, dimension, a) and (cells, nodes, dimension, i),
         with nodes as in the space's dofmap.
         """
         derivatives = []
@@ -463,7 +463,7 @@ class Elasticity:
         return summed(self.comm, local)
 
     def decided(self, value: Any) -> Any:
-        """What rank 0 has ``value``, for all ranks to go on with the same bits."""
+        """The ``value`` of rank 0, so that all ranks go on with the same bits."""
         return value if self.comm.size == 1 else self.comm.bcast(value)
 
     def largest(self, local: Array) -> float:
@@ -550,7 +550,7 @@ def warn_of_thickness(domain: Domain, material: ElasticMaterial) -> None:
     if domain.dimension == 3 or thickness is None:
         return
     extent = float(np.max(np.ptp(domain.bounding_box, axis=0)))
-    # where strain out of the plane is held, a part may be long, and of unit thickness
+    # in plane strain a part may be long, and of unit thickness
     thickest = THICKEST_STRESS if material.out_of_plane == 0.0 else THICKEST_STRAIN
     if thickness > thickest * extent and not (material.out_of_plane and thickness == 1.0):
         warnings.warn(

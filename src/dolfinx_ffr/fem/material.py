@@ -249,7 +249,7 @@ CUT = {
 
 
 def cut_exponent(cell: str, order: int) -> float:
-    """The exponent of SIMP for elements that a boundary cuts; above order two that of order two."""
+    """The exponent of SIMP for elements that a boundary cuts; order 2 stands for higher ones."""
     return CUT[cell][min(order, 2) - 1]
 
 

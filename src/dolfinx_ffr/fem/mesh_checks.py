@@ -88,7 +88,7 @@ def check_held(
 def floating_cells(
     domain: mesh.Mesh, cells: Mask, facets: Sequence[NDArray[np.int32]]
 ) -> tuple[Mask, int, int]:
-    """Those of ``cells`` without an interface; numbers of such pieces and of all."""
+    """Mask of ``cells`` in pieces without an interface; numbers of such pieces and of all."""
     all_cells = _compat.entity_vertices(domain, domain.topology.dim)
     table = all_cells[: len(cells)][cells]
     vertex_map = domain.topology.index_map(0)

@@ -60,8 +60,8 @@ def mesh_outline(
 ) -> tuple[GroupedMesh, dict[str, NDArray[np.int32]]]:
     """A mesh of triangles within a closed outline, see `Domain.from_outline`.
 
-    The facets of interfaces that a layer or a bore tells are given back by their names. Cells
-    within the width ``rim`` [m] of interfaces, whatever tells them, are the physical surface
+    Returned are also the facets of interfaces that are named by a layer or a bore. Cells within
+    the width ``rim`` [m] of interfaces, however these are named, are the physical surface
     "solid"; their boundary is the offset curve of the interface.
     """
     validation.instance("from_outline: comm", comm, MPI.Comm, "an MPI communicator")
@@ -246,7 +246,7 @@ def _piece(points: Array) -> Curve:
 def _rimmed(
     drawing: Drawing, interfaces: Mapping[str, Predicate | Bore | str], size: float, width: float
 ) -> Drawing:
-    """The drawing with rims along interfaces: the groups of curves, and those of predicates."""
+    """The drawing with rims along interfaces, by groups of curves and by predicates."""
     vertices = [cells_along(curve, size) for curve in drawing.curves]
     is_held = [
         np.full(len(x) - 1, bool(group)) for x, group in zip(vertices, drawing.groups, strict=True)

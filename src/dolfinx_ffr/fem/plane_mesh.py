@@ -35,7 +35,7 @@ class MeshingOptions:
     """Cells along curves, and sizes of triangles beside narrow members."""
 
     turn: float = 0.8  #: Largest turn of a curve along one cell [rad]
-    #: That of an arc: of a mesh of straight cells, too, a part has the arc again [rad]
+    #: Largest turn of an arc, fine enough to find the arc again in a mesh of straight cells [rad]
     turn_of_arcs: float = 0.6
     points: int = 16  #: Points along a curve for each of its breaks, by which its turn is known
     flattest: float = 0.2  #: Smallest Jacobian determinant of a curved cell over the straight one's
@@ -90,7 +90,7 @@ def gmsh_model(needed: str = "meshes of outlines and parts need") -> Iterator[An
 
 
 def _is_running(gmsh: Any) -> bool:
-    """Whether someone has initialised gmsh; older releases do not tell, but print an error."""
+    """Whether someone has initialised gmsh; older releases only print an error."""
     if hasattr(gmsh, "isInitialized"):
         return bool(gmsh.isInitialized())
     try:
@@ -279,7 +279,7 @@ def _bend(model: Any, divided: Sequence[_CurveCells]) -> None:
 
 
 def _flattest(x: Array) -> Array:
-    """Smallest Jacobian determinant of triangles (cells, 6, 2) over that of straight ones."""
+    """Smallest Jacobian determinant of triangles (cells, 6, 2), relative to straight ones."""
     corners = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5], [1 / 3, 1 / 3]])
     least = np.full(len(x), np.inf)
     for r, s in corners:

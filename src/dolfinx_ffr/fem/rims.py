@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Rims along interfaces: what of an outline is within a width of curves that are held.
+"""Rims: the regions of an outline within a width of its interfaces.
 
 The rim of a round bore is bounded by a circle, that of any other curve by its offset curve. A rim
 that is wider than the material beside it ends at the outline.
@@ -70,7 +70,7 @@ def with_rims(
 
 
 def _held(curve: Curve, x: Array, on: Mask, fine: float) -> Iterator[shapely.LineString]:
-    """What of a curve is held: all of it, or runs of cells."""
+    """The parts of a curve along interfaces: all of it, or runs of cells."""
     if np.all(on):
         yield shapely.LineString(curve.points(fine))
         return

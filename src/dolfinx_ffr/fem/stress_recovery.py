@@ -89,7 +89,7 @@ class StressRecovery:
         return stresses
 
     def in_blocks(self, fields: Block) -> Iterator[tuple[slice, Array]]:
-        """The same for some cells of this rank at a time, with their places.
+        """Stresses of some cells of this rank at a time, with their places.
 
         All of them at once may take gigabytes.
         """
@@ -98,7 +98,7 @@ class StressRecovery:
         local = self.elasticity.with_ghosts(fields).reshape(-1, d, columns)
         del fields
         nodes = _compat.dofmap_array(self.elasticity.domain.space)
-        # those of all cells are kept where they are few, or transposed, as for a gradient
+        # maps of all cells are stored where they are few, or transposed, as for a gradient
         keep_maps = "_matrices" in vars(self) or cells * rows * unknowns <= 2 * _BLOCK
         several = max(1, _BLOCK // (rows * max(columns, unknowns)))
         for chunk in (slice(i, min(i + several, cells)) for i in range(0, cells, several)):
@@ -118,7 +118,7 @@ class StressRecovery:
 
     @cached_property
     def _node_form(self) -> tuple[fem.Form, fem.Function, list[fem.Function]]:
-        """Derivative of sums of stresses at chosen points, each component that of its own field."""
+        """Derivative of sums of stresses at chosen points, each component by its own field."""
         domain, d = self.elasticity.domain, self.elasticity.dimension
         chosen = fem.Function(_compat.quadrature_space(domain.mesh, self._degree))
         fields = [fem.Function(self.elasticity.cell_space) for _ in COMPONENTS[d]]

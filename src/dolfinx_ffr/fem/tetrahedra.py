@@ -70,7 +70,7 @@ class CuttingOptions:
 CUTTING = CuttingOptions()
 #: Factors by which three numbers below 2^21 make one
 _KEY = np.array([2**42, 2**21, 1])
-#: Steps in which coordinates are told apart, over the size of the body
+#: Steps in which coordinates are distinguished, over the size of the body
 _STEPS = 2**20
 #: Corners of a cell of DOLFINx in the order of VTK
 CORNERS = {"tetrahedron": [0, 1, 2, 3], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
@@ -182,7 +182,7 @@ class Tetrahedra:
 
     @staticmethod
     def finest(domain: Domain, enough: float, most: int) -> float:
-        """The size of tetrahedra [m] that is small ``enough``, or that of the ``most`` at most."""
+        """The size of tetrahedra [m] that is small ``enough``, or as ``most`` of them allow."""
         finer = 0
         while Tetrahedra.size(domain, finer) > enough:
             if domain.n_cells_global * Tetrahedra.each(domain, finer + 1) > most:

@@ -41,9 +41,9 @@ class NodalDomain:
 
 
 class AssembledElasticity(Elasticity):
-    """Matrices from elsewhere as those of a body at its only density, on one rank.
+    """Assembled matrices in the place of a mesh and a density, on one rank.
 
-    Its blocks of fields are those of `Elasticity`; what needs a mesh is not there.
+    Blocks of fields work as for `Elasticity`; methods that need a mesh do not.
     """
 
     def __init__(self, matrices: AssembledMatrices, interfaces: dict[str, Interface]) -> None:

@@ -55,7 +55,7 @@ class Certificate:
     def holds(self, limit: float, number: int) -> bool | None:
         """Whether T has no more than ``number`` eigenvalues above a ``limit``.
 
-        None as long as the space has to grow to tell. False says that some were outside of C.
+        None as long as the space is too small for an answer; False if some were outside of C.
         """
         space, n_before = self._space, self._first
         if space.complete == n_before:

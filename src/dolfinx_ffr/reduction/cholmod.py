@@ -24,7 +24,7 @@ VERSIONS = 3, 4, 5
 
 
 class _Common(ctypes.Structure):
-    """The head of CHOLMOD's settings, up to the first way to order, and room for the rest."""
+    """The head of CHOLMOD's settings, up to the first ordering, and room for the rest."""
 
     _fields_ = (
         ("_growth", c_double * 3),
@@ -90,7 +90,7 @@ _LONG = PETSc.IntType().itemsize == 8
 
 @cache
 def _library() -> tuple[Any, _Common] | None:
-    """CHOLMOD as PETSc has loaded it, and its settings; None if there is none that is known."""
+    """CHOLMOD as PETSc has loaded it, and its settings; None without a known version."""
     library, common, version = ctypes.CDLL(PETSc.__file__), _Common(), (c_int * 3)()
     try:
         library.cholmod_version(version)
@@ -111,7 +111,7 @@ def _call(library: Any, name: str, *arguments: Any, result: Any = c_int) -> Any:
 
 
 def is_known() -> bool:
-    """Whether there is a CHOLMOD that can be called."""
+    """Whether PETSc has loaded a CHOLMOD whose structures are known."""
     return _library() is not None
 
 

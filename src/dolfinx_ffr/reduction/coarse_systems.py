@@ -45,7 +45,7 @@ class CoarseSystems(ABC):
 
     @abstractmethod
     def part(self, matrix: PETSc.Mat, previous: PETSc.Mat | None) -> PETSc.Mat:
-        """The ``rows`` and their columns of a clamped matrix, where that of ``previous`` was."""
+        """The ``rows`` and columns of a clamped matrix, written into the ``previous`` part."""
 
     @abstractmethod
     def levels(self, finest: PETSc.Mat) -> list[tuple[PETSc.Mat, PETSc.Mat]]:
@@ -61,7 +61,7 @@ class CoarseSystems(ABC):
 
 
 def coarse_systems(elasticity: Elasticity, clamped: Mask) -> CoarseSystems:
-    """Those of boxes where nodes stand on a lattice, else of aggregates."""
+    """Systems of nested boxes where nodes stand on a lattice, else of aggregates."""
     matrices = interpolations(elasticity, clamped)
     return NestedBoxes(elasticity, matrices) if matrices else Aggregates(elasticity, clamped)
 

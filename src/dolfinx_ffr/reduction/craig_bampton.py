@@ -422,7 +422,7 @@ class CraigBampton:
         The second systems are solved together in one block Krylov space (`solve_shifted`).
 
         For a ``factored`` body with its shape functions ``basis``, ``shapes_bar`` is the derivative
-        of psi with respect to these at fixed K and M, shape (dofs, r). Given back are the adjoint
+        of psi with respect to these at fixed K and M, shape (dofs, r). Returned are the adjoint
         fields z, shape (dofs, r), and the number of blocks of the Krylov space or of iterations.
 
         Raises:

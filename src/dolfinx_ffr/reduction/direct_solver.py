@@ -180,14 +180,14 @@ class Between:
 
     every: Integers  #: Of all ranks, in the numbers of the matrix
     own: Integers  #: Of this rank
-    beside: Integers  #: To which this rank's are coupled, those of its own among them
-    entries: float  #: Of a factor, about: those of each part among each other
+    beside: Integers  #: To which unknowns of this rank are coupled, its own ones included
+    entries: float  #: Estimate for the factor between parts
 
     @staticmethod
     def of(elasticity: Elasticity, matrix: PETSc.Mat) -> Between:
         """Of each coupling the one with more of them, as is a node on a cut between elements.
 
-        Each rank has some nodes of a cut, and the rest is coupled to those of other ranks alone.
+        Each rank has some nodes of a cut; its other unknowns are coupled to them alone.
         """
         begin, end = matrix.getOwnershipRange()
         begins, coupled_to, _ = matrix.getValuesCSR()

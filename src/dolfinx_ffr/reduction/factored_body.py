@@ -52,7 +52,7 @@ class ClampedMatrices:
 
         The ``last`` one takes the place of the solver and of the stiffness, which need the memory.
         """
-        # by Sylvester's law that of the negative pivots of K - limit M; CHOLMOD does not pivot
+        # by Sylvester's law the number of negative pivots of K - limit M; CHOLMOD has no pivoting
         if last:
             self.solver.destroy()
         shifted = self.stiffness if last else self.stiffness.copy()
@@ -66,7 +66,7 @@ class ClampedMatrices:
         factor.setMumpsIcntl(13, 1)  # no part of the matrix is left to ScaLAPACK, uncounted
         factor.setMumpsIcntl(14, 100)  # memory for pivots that are put off, in percent
         factor.setMumpsIcntl(24, 1)  # PETSc demands that zero pivots are looked for
-        factor.setMumpsIcntl(31, 1)  # the factor is not kept: nothing is solved with it
+        factor.setMumpsIcntl(31, 1)  # discard the factor: nothing is solved with it
         pc.setUp()
         state = factor.getMumpsInfog(1)  # PETSc goes on where MUMPS fails
         count = int(factor.getInertia()[0]) if state >= 0 else 0
@@ -94,7 +94,7 @@ class FactoredBody:
     Args:
         elasticity: The body.
         matrices: Stiffness and mass of the body that floats freely.
-        clamped: The same with all interfaces clamped, and the factor.
+        clamped: Stiffness and mass with all interfaces clamped, and the factor.
     """
 
     def __init__(

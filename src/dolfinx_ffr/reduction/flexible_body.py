@@ -195,7 +195,7 @@ class FlexibleBody:
         self._latest: list[FactoredBody] = kept_by(self, domain.comm)
         #: One thread at a time works with the matrices and with the forms that fill them.
         self._working = RLock()
-        #: Tells what this body has reduced from what others have
+        #: Identifies what this body has reduced
         self.mark = uuid4().hex
 
     def with_modes(self, modes: int) -> FlexibleBody:
@@ -203,7 +203,7 @@ class FlexibleBody:
         return self._alike(modes=modes)
 
     def _alike(self, **changed: Any) -> FlexibleBody:
-        """The same body for all that has been reduced of either: mesh, material and frame stay."""
+        """A body that accepts what this one has reduced: mesh, material and frame stay."""
         body = self._with(**changed)
         body.mark = self.mark
         return body
@@ -348,7 +348,7 @@ class FlexibleBody:
             return self.factored(reduced).count_below(limit)
 
     def warn_of_missing_modes(self, reduced: ReducedBody) -> None:
-        """Count the modes of a ``reduced`` body by a factor more, as for a result that is told.
+        """Count the modes of a ``reduced`` body by one more factor, as for a final result.
 
         `reduce` proves that none is missing at a risk of 1e-10. The matrices of the body are freed.
 
@@ -509,7 +509,7 @@ class FlexibleBody:
     def _by_nodes(
         self, moved: Array, reduced: ReducedBody, adjoint: _Adjoint
     ) -> tuple[Array, Array]:
-        """The derivatives by the nodes, from that of the pairs, ``moved``, and by the centers.
+        """Derivatives by the nodes and by the centers; ``moved`` has the part by the pairs.
 
         Shapes (nodes, dimension) and (interfaces, dimension).
         """

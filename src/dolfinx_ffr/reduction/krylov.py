@@ -89,7 +89,7 @@ class KrylovSpace:
 
     @property
     def mass_last(self) -> Block:
-        """M times the last block, made anew: those of all would take as much as the basis."""
+        """M times the last block, not stored: all products would take as much as the basis."""
         last_block = self._basis[:, self._last : self.size]
         return self._factored.elasticity.apply(self._factored.clamped_mass, last_block)
 
@@ -110,7 +110,7 @@ class KrylovSpace:
 
     @property
     def coupling(self) -> Array:
-        """The same with the last block W, W^T M K^-1 M V, shape (size - complete, complete)."""
+        """W^T M K^-1 M V of the last block W, shape (size - complete, complete)."""
         return self._projected[self._last :, : self._last]
 
     def residual_norms(self, coefficients: Array) -> Array:

@@ -81,7 +81,7 @@ class MultigridSolver(LinearSolver):
         return result
 
     def _fall_back(self, why: str) -> None:
-        """Go on with a factor in the place of cycles; RuntimeError where that is no way out."""
+        """Go on with a factor in the place of cycles; RuntimeError where that fails, too."""
         stall = (
             f"reduction: multigrid stalls ({why}): the body is too ill-conditioned for it, as very "
             "slender elements and void of next to no stiffness are"
@@ -272,7 +272,7 @@ def _product(matrix: PETSc.Mat, block: Block, *, transposed: bool = False) -> Bl
 
 
 def _product_by_columns(matrix: PETSc.Mat, block: Block, *, transposed: bool) -> Block:
-    """The same by one vector after the other."""
+    """A matrix times a block, one vector after the other."""
     right, image = matrix.createVecs()
     if transposed:
         return by_columns(matrix.multTranspose, image, right, block)

@@ -55,7 +55,7 @@ def interpolations(elasticity: Elasticity, clamped: Mask) -> list[PETSc.Mat] | N
             _halved(len(p)) if h else np.arange(len(p)) for p, h in zip(planes, halved, strict=True)
         ]
         shape = tuple(map(len, coarse_planes))
-        # of each plane of the finer lattice, that of the coarse one, or -1
+        # number in the coarse lattice of each plane of the finer one, or -1
         numbers = [np.full(len(p), -1) for p in planes]
         for number, k in zip(numbers, coarse_planes, strict=True):
             number[k] = np.arange(len(k))
@@ -113,7 +113,7 @@ def _interpolation(
 ) -> PETSc.Mat:
     """Displacements at ``places`` of a lattice from those at the rows of the coarser one.
 
-    By the planes of the ``lattice`` and which of them are kept; ``n_coarse`` coarse nodes are here.
+    The ``lattice`` has all planes and the coarse ones; this rank has ``n_coarse`` coarse nodes.
     """
     d, (planes, coarse_planes) = elasticity.dimension, lattice
     shape = tuple(map(len, coarse_planes))

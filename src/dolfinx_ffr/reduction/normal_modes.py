@@ -33,8 +33,8 @@ from .factored_body import FactoredBody
 from .krylov import KrylovSpace, projected
 from .multigrid import MultigridSolver
 
-#: Relative distance below which neighbouring eigenvalues count as one cluster. A kept mode holds a
-#: share of about solver tolerance / distance of the first truncated one: a thousandth at 1e-6
+#: Relative distance below which neighbouring eigenvalues count as one cluster. A retained mode has
+#: a share of about solver tolerance / distance of the first truncated one: a thousandth at 1e-6
 CLUSTER = 1e-3
 
 

@@ -124,7 +124,7 @@ def _cells_at(domain: Domain, point: Array) -> list[tuple[int, Array]]:
 def _shape_functions(
     domain: Domain, cell: int, reference: Array
 ) -> tuple[Array, Array, tuple[Array, Array]]:
-    """Scalar functions (n,) and their gradients (d, n) in a cell; the same of its geometry."""
+    """Shape functions (n,) and gradients (d, n) in a cell, of displacements and of geometry."""
     kind = getattr(basix.CellType, _compat.cell_name(domain.mesh))
 
     def tabulate(degree: int) -> Array:

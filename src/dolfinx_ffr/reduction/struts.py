@@ -12,8 +12,8 @@ from ..arrays import Array, Integers
 from ..fem import Block, Elasticity, Matrices
 from .craig_bampton import ReducedBasis
 
-#: Work of what a hole in a plate takes away, in those of what was there: exactly for a Poisson's
-#: ratio of 1/3 (A. A. Novotny, J. Sokolowski, Topological Derivatives in Shape Optimization, 2013,
+#: Energy that a hole in a plate takes away, in energies of the material there: exact for Poisson's
+#: ratio 1/3 (A. A. Novotny, J. Sokolowski, Topological Derivatives in Shape Optimization, 2013,
 #: doi:10.1007/978-3-642-35245-4)
 _HOLE = 3.0
 
@@ -69,7 +69,7 @@ class Struts:
         return _HOLE * share - mass
 
     def changes(self, points: Array, ends: Integers, width: float) -> Array:
-        """How much psi would change by each of some struts, the same on every rank, (struts,).
+        """Change of psi by each strut, the same on every rank, shape (struts,).
 
         For thin ones it is exact to first order. Wider ones take force from the modes, so their
         stiffness counts less (Sherman and Morrison).
