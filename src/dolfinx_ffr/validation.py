@@ -192,7 +192,8 @@ def real_array(
 
 def numbers(what: str, value: Any) -> Array:
     """An array of real numbers, of any shape, NaN and infinity included."""
-    refuse_masked(what, value)
+    if type(value) is not np.ndarray:
+        refuse_masked(what, value)
     try:
         array = np.asarray(value)
     except ValueError as error:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from shared.scenes import SCENES
+from shared.spatial_scenes import IN_SPACE
 
 import dolfinx_ffr as ffr
 
@@ -20,9 +21,11 @@ def moved(thing: Any, shift: np.ndarray) -> Any:
     if isinstance(thing, ffr.Placement):
         return replace(thing, position=tuple(np.array(thing.position) + shift))
     if isinstance(thing, ffr.Moving):
-        return replace(thing, x=thing.x + shift[0], y=thing.y + shift[1])
+        names = "xy" if thing.z is None else "xyz"
+        coordinates = {name: getattr(thing, name) + shift["xyz".index(name)] for name in names}
+        return replace(thing, **coordinates)
     if isinstance(thing, ffr.PrescribedPosition):
-        return replace(thing, motion=thing.motion + shift["xy".index(thing.axis)])
+        return replace(thing, motion=thing.motion + shift["xyz".index(thing.axis)])
     if isinstance(thing, dict):
         return {name: moved(part, shift) for name, part in thing.items()}
     if isinstance(thing, tuple | list):
@@ -32,20 +35,23 @@ def moved(thing: Any, shift: np.ndarray) -> Any:
     return replace(thing, **{f.name: moved(getattr(thing, f.name), shift) for f in fields(thing)})
 
 
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.TimeStepWarning")  # of few steps
 @pytest.mark.parametrize("distance", [0.0, 1e-3, 1.0, 1e3])
-@pytest.mark.parametrize("name", list(SCENES))
+@pytest.mark.parametrize("name", [*SCENES, *IN_SPACE])
 def test_a_machine_at_another_place(name: str, distance: float) -> None:
     """It moves the same, to the round-off of coordinates in a few steps."""
-    scene = SCENES[name]()
+    scene = SCENES[name]() if name in SCENES else IN_SPACE[name]()
     bodies = scene.bodies
-    shift = distance * np.random.default_rng(0).uniform(-1.0, 1.0, 2)
+    dimension = next(iter(bodies.values())).dimension
+    shift = distance * np.random.default_rng(0).uniform(-1.0, 1.0, dimension)
     elsewhere = moved(scene.mechanism, shift)
     for method in (ffr.GeneralizedAlpha(0.01, 10), ffr.RadauIIA(0.01, steps=5)):
         here, there = (
             ffr.simulate(mechanism, bodies, method) for mechanism in (scene.mechanism, elsewhere)
         )
         for body in bodies:
-            way = there.rigid(body) - here.rigid(body) - [*shift, 0.0]
+            way = there.rigid(body) - here.rigid(body)
+            way[:, :dimension] -= shift
             assert np.max(np.abs(way)) < 1e-11 * (1.0 + distance)
 
 

@@ -103,16 +103,6 @@ def test_steps_that_were_taken_can_be_taken_again() -> None:
     assert again.error == pytest.approx(first.error, rel=1e-2)
 
 
-@pytest.mark.slow
-def test_bounds_of_the_steps() -> None:
-    scene = slider_crank(end_time=0.1)
-    trajectory = run(scene, tolerance=1e-2, first_step=1e-5, largest_step=2e-4)
-    lengths = np.diff(trajectory.step_ends)
-    assert lengths[0] <= 1e-5 * (1.0 + 1e-9)
-    assert np.max(lengths) <= 2e-4 * (1.0 + 1e-9)
-    assert trajectory.t[-1] == 0.1
-
-
 def jerky(known: bool = True) -> Scene:
     """A bar driven with a trapezoidal velocity, and a force that sets in."""
     begin, drive = 0.0503, trapezoidal_drive(known)

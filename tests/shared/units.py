@@ -36,7 +36,7 @@ DIMENSIONS: Mapping[type, Mapping[str, Powers]] = {
     ffr.SpringDamper: {"stiffness": (1, 0, -2), "damping": (1, 0, -1), "length": LENGTH},
     ffr.TorsionalSpringDamper: {"stiffness": MOMENT, "damping": (1, 2, -1), "angle": NUMBER},
     ffr.GeneralizedAlpha: {"end_time": TIME},
-    ffr.RadauIIA: {"end_time": TIME, "first_step": TIME, "largest_step": TIME},
+    ffr.RadauIIA: {"end_time": TIME},
     ffr.BodyMarker: {"position": LENGTH, "rotation": (0, -1, 0), "stiffening": (0, -1, 0)},
 }
 

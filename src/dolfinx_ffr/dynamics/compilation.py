@@ -203,8 +203,10 @@ class Table:
 
 
 def _address(array: Any) -> int:
-    """Where an array begins in memory."""
-    if array.size and array.flags.writeable:  # several times as fast as to ask the array
+    """Where an array begins in memory; zero of an empty one, where nothing is ever read."""
+    if not array.size:
+        return 0
+    if array.flags.writeable:  # several times as fast as to ask the array
         return ctypes.addressof(ctypes.c_char.from_buffer(array))
     return int(array.__array_interface__["data"][0])
 

@@ -23,7 +23,15 @@ from ..mechanism import (
     is_zero,
     marker_name,
 )
-from .kinematics import KINDS, Coordinates, ModelArrays, SpaceCoordinates, body_arrays, is_spatial
+from .kinematics import (
+    KINDS,
+    Coordinates,
+    ModelArrays,
+    SpaceCoordinates,
+    body_arrays,
+    is_spatial,
+    largest_length,
+)
 from .tables import TimeTables
 
 #: Rows of all joints and elements of all forces, with the names of these
@@ -302,7 +310,8 @@ def assemble_model(
         arrays = body_arrays(effective, mechanism.damping)
     own_arrays = lowering.arrays(int(arrays["modes"].max()))
     known = {} if like is None else like.arrays._asdict()
-    flat = kind(**{**known, **arrays, **over_time, **own_arrays})
+    flat = kind(**{**known, **arrays, **over_time, **own_arrays, "reach": np.zeros(1)})
+    flat.reach[0] = largest_length(flat)
     names = lowering.markers, joints, tables, lowering.forces, effective, twins
     return FlatModel(flat, times, offset, mechanism, dict(bodies), *names)
 

@@ -11,6 +11,7 @@ under a known load is integrated exactly at the price of a sum over the instants
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,38 +53,50 @@ def resonance_error(trajectory: Trajectory, tolerance: float) -> ResonanceError:
     error, largest = 0.0, ResonanceError(0.0, 0.0, "")
     if np.any(model.tables.jumps < t[-1]):
         return largest
-    flexible = [name for name, body in model.bodies.items() if body.modes]
+    candidates = list(_followed_modes(trajectory))
+    if not candidates:
+        return largest
+
     weights = np.gradient(t) if trajectory.weights is None else trajectory.weights
     weights = weights / np.sum(weights)
+    flexible = [name for name, body in model.bodies.items() if body.modes]
     energy = sum(float(weights @ trajectory.strain_energy(name)) for name in flexible)
     energy += norm_floors(model.arrays, float(t[-1]))[2] ** 2
+    for name, square, decay, to_mode in candidates:
+        elastic = model.coordinates(name).elastic
+        x, v, w = (
+            part[:, elastic] @ to_mode for part in (trajectory.y, trajectory.v, trajectory.w)
+        )
+        if 0.5 * (weights @ v**2) <= SMALL * tolerance * energy:
+            continue
+        load = w + 2.0 * decay * v + square * x
+        exact = _oscillator(t, load, square, decay, (float(x[0]), float(v[0])))
+        if exact is None:
+            continue
+        change = 0.5 * square * float(weights @ (exact**2 - x**2)) / energy
+        error += change
+        if abs(change) > largest.error:
+            largest = ResonanceError(abs(change), math.sqrt(square) / (2.0 * math.pi), name)
+    return ResonanceError(abs(error), largest.frequency, largest.body)
+
+
+def _followed_modes(trajectory: Trajectory) -> Iterator[tuple[str, float, float, Array]]:
+    """Modes of single bodies that vibrate for long and that the steps follow.
+
+    For each the name of the body, the squared frequency [1/s^2], the rate of decay [1/s], and the
+    vector (modes of the body,) that takes elastic coordinates to the coordinate of the mode.
+    """
+    model, end = trajectory.model, float(trajectory.t[-1])
     step = float(np.median(np.diff(trajectory.step_ends)))
-    for b, name in enumerate(model.bodies):
-        if name not in flexible:
+    for b, (name, body) in enumerate(model.bodies.items()):
+        if not body.modes:
             continue
         mass = elastic_mass(model.arrays, b)
-        squares, shapes = scipy.linalg.eigh(model.bodies[name].K, mass)
+        squares, shapes = scipy.linalg.eigh(body.K, mass)
         decays = 0.5 * (model.arrays.alpha[b] + model.arrays.beta[b] * squares)
-        coordinates = model.coordinates(name).elastic
-        to_modes = mass @ shapes
-        v = trajectory.v[:, coordinates] @ to_modes
-        moving = 0.5 * (weights @ v**2) > SMALL * tolerance * energy
         followed = (squares > decays**2) & (squares * step**2 < LARGEST_PHASE**2)
-        remembering = decays * t[-1] < LARGEST_DECAY
-        for k in np.flatnonzero(moving & followed & remembering):
-            x = trajectory.y[:, coordinates] @ to_modes[:, k]
-            w = trajectory.w[:, coordinates] @ to_modes[:, k]
-            load = w + 2.0 * decays[k] * v[:, k] + squares[k] * x
-            start = float(x[0]), float(v[0, k])
-            exact = _oscillator(t, load, float(squares[k]), float(decays[k]), start)
-            if exact is None:
-                continue
-            change = 0.5 * squares[k] * float(weights @ (exact**2 - x**2)) / energy
-            error += change
-            if abs(change) > largest.error:
-                frequency = math.sqrt(squares[k]) / (2.0 * math.pi)
-                largest = ResonanceError(abs(change), frequency, name)
-    return ResonanceError(abs(error), largest.frequency, largest.body)
+        for k in np.flatnonzero(followed & (decays * end < LARGEST_DECAY)):
+            yield name, float(squares[k]), float(decays[k]), mass @ shapes[:, k]
 
 
 def _oscillator(

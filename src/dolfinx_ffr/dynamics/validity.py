@@ -105,6 +105,7 @@ def _exceeded(trajectory: Trajectory, complete: bool, steps_given: bool) -> Warn
     yield from _flanks(trajectory)
     yield from _lost_vibrations(trajectory)
     yield from _resonance(trajectory)
+    yield from _unjudged_forces(trajectory)
     yield from _reversed_axes(trajectory)
     method = trajectory.integrator
     if steps_given and not method.adaptive and method.chosen_for is None:
@@ -261,6 +262,20 @@ def _resonance(trajectory: Trajectory) -> Warnings:
             "choose anew at this one by Problem.with_steps_for, or give TimeInterval a tolerance "
             f"of {0.5 * tolerance * tolerance / worst.error:.1e}",
         )
+
+
+def _unjudged_forces(trajectory: Trajectory) -> Warnings:
+    """Adaptive steps that follow the motion alone, as no steps follow the forces in joints."""
+    forces_judged = not math.isnan(trajectory.force_error)
+    if forces_judged or not trajectory.integrator.adaptive or not trajectory.model.rows:
+        return
+    yield (
+        TimeStepWarning,
+        "the steps keep their tolerance in the motion, and not in the forces in joints, which no "
+        "steps follow: links come into line, where forces grow without bound, or a load or a "
+        "motion is noise. Forces at single instants may be far off; their means over time, and "
+        "objectives that take them, are told by TimeInterval(end_time, tolerance)",
+    )
 
 
 def _loads(trajectory: Trajectory) -> Warnings:

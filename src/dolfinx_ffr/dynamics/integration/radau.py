@@ -28,7 +28,7 @@ from ...arrays import Array, Integers
 from ..compilation import Compiled, Table
 from ..failures import SimulationError, diagnosis
 from ..kinematics import Kinematics, Samples, mass_norm, norm_floors
-from ..load_steps import FEWER_SAMPLES, JUST_BEFORE, LoadSteps, equal_steps, load_steps
+from ..load_steps import FEWER_SAMPLES, JUST_BEFORE, SAMPLES, LoadSteps, equal_steps, load_steps
 from ..model import FlatModel
 from ..trajectory import OVER_TIME, Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
 from .linear import linear_system
@@ -45,8 +45,9 @@ from .start import (
 )
 from .steps import step_bars
 
-#: Most steps between two looks at the error.
+#: Most steps between two looks at the error, and their instants with the start.
 _BATCH = 16
+_LONGEST_BATCH = 3 * _BATCH + 1
 #: Bounds of the tolerance.
 TIGHTEST, LOOSEST = 1e-13, 0.1
 #: Tolerance of the run that finds the norms.
@@ -59,9 +60,9 @@ _SAME = 1e-9
 _NO_JUMP = 1e-9
 #: Steps of a trajectory for which there is one at least between two jumps
 STEPS_FOR_ONE = 50
-#: Share of the duration below which steps are the less judged by their multipliers, so that a force
-#: that jumps at a time that nobody named ends no motion.
-_BRIEF = 1e-6
+#: Share of the duration below which steps are the less judged by their multipliers, so that a
+#: force that jumps at a time that nobody named ends no motion: loads are sampled no closer.
+_BRIEF = 1.0 / SAMPLES
 #: Exponent of the tolerance in the error of the embedded formula, whose order is 4 of 6.
 _EXPONENT = 2.0 / 3.0
 #: Arrays with three rows for each step; the method has no accelerations of its own.
@@ -106,8 +107,6 @@ class RadauIIA(Integrator):
             eight times the steps. Forces in joints limit the steps, too, also of a machine whose
             motion is prescribed: at single instants they are accurate to the square root of the
             tolerance (`Trajectory.force_error`), and their integrals over time far better.
-        first_step: First step to try [s]; None leaves it to the method.
-        largest_step: Largest step [s]; None sets no limit.
         steps: Fixed steps instead of the tolerance: the number of steps, which are equal from one
             jump to the next, or the times at which steps end beside the jumps, from 0 to
             ``end_time`` [s], such as the ``step_ends`` of a trajectory.
@@ -123,16 +122,11 @@ class RadauIIA(Integrator):
     )
 
     tolerance: float = 1e-6
-    first_step: float | None = None
-    largest_step: float | None = None
     steps: int | Sequence[float] | Array | None = field(default=None)
 
     def __post_init__(self) -> None:
         validation.number("end_time", self.end_time, above=0.0, unit="s")
         validation.number("tolerance", self.tolerance, least=TIGHTEST, most=LOOSEST)
-        for name in ("first_step", "largest_step"):
-            if getattr(self, name) is not None:
-                validation.number(name, getattr(self, name), above=0.0, unit="s")
         if self.steps is None:
             return
         if np.ndim(self.steps) == 0:
@@ -219,28 +213,41 @@ class RadauIIA(Integrator):
         start.turns = kinematics.turns(1)
         found = start_accelerations(kinematics, 0, y0, v0)
         if found is None:
-            so_far = _trajectory(self, model.at(start.t), start, np.ones(4))
+            so_far = _March(self, model, start).trajectory()
             raise SimulationError(NO_START, so_far)
         start.w[0], start.multipliers[0] = found
-        norms = norm_floors(model.arrays, self.end_time)
         if self.steps is not None:
-            march_state = _March(self, model, start, norms)
-            jumps = _jumps_inside(model, self)
-            ends = _step_ends(self, jumps)
-            at_jumps = np.flatnonzero(np.isin(ends, jumps))
-            for first, last in pairwise([0, *at_jumps, ends.size - 1]):
-                status, good, rows = march_state.advance(ends[first : last + 1], math.inf)
-                if status != CONVERGED:
-                    raise _failure(march_state, rows, good, status)
-            rows = _Rows.joined(march_state.parts)
-            return _trajectory(self, model.at(rows.t), rows, norms)
-        h = self.first_step
+            march_state = _March(self, model, start)
+            march_state.in_steps(_step_ends(self, _jumps_inside(model, self)))
+            return march_state.trajectory()
+        loads = load_steps(model.tables, self.end_time, FEWER_SAMPLES)
+        # no step follows the forces under a load that is noise
+        if loads.resolved:
+            try:
+                return self._adaptive(model, start, loads, by_forces=True).trajectory()
+            except SimulationError:
+                # Where links come into line, forces grow without bound: steps that follow them come
+                # to no end, and longer ones pass.
+                pass
+        march_state = self._adaptive(model, start, loads, by_forces=False)
+        return replace(march_state.trajectory(), force_error=math.nan)
+
+    def _adaptive(
+        self, model: FlatModel, start: _Rows, loads: LoadSteps, *, by_forces: bool
+    ) -> _March:
+        """The motion in steps that keep the tolerance, after a run that finds its norms.
+
+        Forces in joints limit the steps `by_forces`, too.
+        """
+        brief = _BRIEF * self.end_time if by_forces else math.inf
+        march_state = _March(self, model, start, loads, brief)
+        first = 1e-3 * self.end_time
         if self.tolerance < _PILOT:
-            pilot, _ = _adaptive(model, start, norms, self, _PILOT, h)
-            h = h or float(pilot.t[3] - pilot.t[0]) * (self.tolerance / _PILOT) ** (1.0 / 6.0)
-        rows, judged = _adaptive(model, start, norms, self, self.tolerance, h)
-        trajectory = _trajectory(self, model.at(rows.t), rows, norms)
-        return trajectory if judged else replace(trajectory, force_error=math.nan)
+            march_state.adaptively(_PILOT, first)
+            first = march_state.first_step * (self.tolerance / _PILOT) ** (1.0 / 6.0)
+            march_state.begin_anew()
+        march_state.adaptively(self.tolerance, first)
+        return march_state
 
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
         model = trajectory.model
@@ -341,9 +348,17 @@ class _Rows:
         errors, iterations = self.errors[:steps], self.iterations[:steps]
         return _Rows(**over_time, errors=errors, iterations=iterations)
 
-    def stages(self, lengths: Array) -> Stages:
-        """Arrays for the compiled loops, without copies, and zeros for the state of the loops."""
+    def stages(self, lengths: Array, **state: Array) -> Stages:
+        """Arrays for the compiled loops, without copies; their state as given, or zeros."""
         n, rows = self.y.shape[1], self.multipliers.shape[1]
+        if not state:
+            state = {
+                **{name: np.zeros(n) for name in ("reference", "weight")},
+                "sizes": np.zeros(4),
+                "brief": np.zeros(1),
+                "kept": np.zeros(2),
+                "mass": np.zeros((n, n)),
+            }
         return Stages(
             lengths=lengths,
             y=self.y,
@@ -354,14 +369,9 @@ class _Rows:
             iterations=self.iterations,
             last=np.zeros(1, dtype=np.int64),
             errors=self.errors,
-            sizes=np.zeros(4),
-            brief=np.full(1, np.finfo(float).tiny),
-            reference=np.zeros(n),
             w_before=np.zeros((3, n)),
             lam_before=np.zeros((3, rows)),
-            kept=np.zeros(2),
-            weight=np.zeros(n),
-            mass=np.zeros((n, n)),
+            **state,
         )
 
 
@@ -373,22 +383,99 @@ class _March:
         integrator: RadauIIA,
         model: FlatModel,
         start: _Rows,
-        norms: Array,
-        found: LoadSteps | None = None,
+        loads: LoadSteps | None = None,
+        brief: float = float(np.finfo(float).tiny),
     ) -> None:
-        """Begin at a start, with what was found of loads and motions where steps are adaptive."""
-        self.integrator, self.model, self.start, self.norms = integrator, model, start, norms
+        """Begin at a start, with steps for the `loads` and motions where steps are adaptive.
+
+        Steps below a `brief` length [s] are the less judged by their multipliers.
+        """
+        self.integrator, self.model, self.start = integrator, model, start
+        self.norms = norm_floors(model.arrays, integrator.end_time)
         self.corners = model.tables.jumps
-        brief = float(np.finfo(float).tiny)
-        if found is not None:
-            self.corners = np.union1d(self.corners, found.corners)
-            # No step follows the forces under a load that is noise.
-            brief = _BRIEF * integrator.end_time if found.resolved else math.inf
-        self.parts = [start]
+        self.ends = [integrator.end_time]
+        if loads is not None:
+            self.corners = np.union1d(self.corners, loads.corners)
+            # Steps end where loads or motions change so fast that a step might not see it.
+            inside = np.union1d(_jumps_inside(model, integrator), loads.special)
+            self.ends = [*inside.tolist(), integrator.end_time]
         size = model.size + 2 * model.rows
         self.system, self.small = Table(linear_system(3 * size)), Table(linear_system(size))
-        self.weight, self.kept = np.zeros(model.size), np.zeros(2)
-        self.mass, self.brief = np.zeros((model.size, model.size)), np.full(1, brief)
+        self.state = {
+            "sizes": self.norms,
+            "brief": np.full(1, brief),
+            "reference": start.y[0],
+            "kept": np.zeros(2),
+            "weight": np.zeros(model.size),
+            "mass": np.zeros((model.size, model.size)),
+        }
+        self._kinematics: Kinematics | None = None
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Go back to the start, with the norms that have been found."""
+        self.parts = [self.start]
+        for name in ("kept", "weight", "mass"):
+            self.state[name][:] = 0.0
+
+    @property
+    def t(self) -> float:
+        return float(self.parts[-1].t[-1])
+
+    @property
+    def first_step(self) -> float:
+        """Length of the first step [s]."""
+        return float(self.parts[1].t[3] - self.parts[1].t[0])
+
+    def trajectory(self) -> Trajectory:
+        """The motion so far."""
+        rows = _Rows.joined(self.parts)
+        return _trajectory(self.integrator, self.model.at(rows.t), rows, self.norms)
+
+    def in_steps(self, ends: Array) -> None:
+        """Take all steps with the given ends, the start first."""
+        at_jumps = np.flatnonzero(np.isin(ends, _jumps_inside(self.model, self.integrator)))
+        for first, last in pairwise([0, *at_jumps, ends.size - 1]):
+            status, good, rows = self.advance(ends[first : last + 1], math.inf)
+            if status != CONVERGED:
+                raise self.failure(rows, good, status)
+
+    def adaptively(self, tolerance: float, first: float) -> None:
+        """Go on to the end in steps that keep a tolerance, the first one as long as given.
+
+        The norms grow on the way.
+        """
+        duration, limit = self.integrator.end_time, tolerance**_EXPONENT
+        h, batch, before = min(first, duration), 1, 1.0
+        while self.t < duration:
+            t = self.t
+            end = next(end for end in self.ends if end > t)
+            if t in self.ends:
+                batch, before = 1, 1.0
+            count = math.ceil((end - t) / h * (1.0 - 1e-9))
+            if count <= batch:
+                ends = np.linspace(t, end, max(count, 1) + 1)
+            else:
+                ends = t + h * np.arange(batch + 1)
+            status, good, rows = self.advance(ends, limit)
+            if status == CONVERGED:
+                error = max(_relative(rows.errors, self.norms) / limit, 1e-8)
+                factor = 0.9 * error ** (-0.7 / 4.0) * before ** (0.4 / 4.0)
+                before = error
+                if 0.95 < factor < 1.2:
+                    batch = min(2 * batch, _BATCH)
+                else:
+                    h = min(h * min(max(factor, 0.2), 4.0), duration)
+                    batch = min(batch + 1, _BATCH) if factor < 1.5 else 1
+                continue
+            if status == REJECTED:
+                error = _relative(rows.errors[good : good + 1], self.norms) / limit
+                h *= min(max(0.2, 0.9 * min(max(error, 1.0), 1e8) ** (-1.0 / 4.0)), 0.7)
+            else:
+                h *= 0.25
+            batch, before = 1, 1.0
+            if h < _SHORTEST * duration:
+                raise self.failure(rows, good, status)
 
     def advance(self, ends: Array, limit: float) -> tuple[int, int, _Rows]:
         """Take steps from ends[0], the present time, to the others.
@@ -399,30 +486,33 @@ class _March:
         rows = _Rows.empty(_stage_times(ends), self.model)
         for name in ("y", "v", "w", "multipliers", "stabilization"):
             getattr(rows, name)[0] = getattr(last, name)[-1]
-        before, stages = 0.0, rows.stages(np.diff(ends))
+        before, stages = 0.0, rows.stages(np.diff(ends), **self.state)
         # No polynomial goes on behind a jump.
         if last.errors.size and not self._jumps(rows):
             before = float(last.t[-1] - last.t[-4])
             stages.w_before[:], stages.lam_before[:] = last.w[-3:], last.multipliers[-3:]
-        stages = stages._replace(
-            sizes=self.norms,
-            reference=self.start.y[0],
-            kept=self.kept,
-            weight=self.weight,
-            mass=self.mass,
-            brief=self.brief,
-        )
-        arrays = self.model.arrays._replace(**self.model.tables.tabulate(rows.t))
-        equations = Kinematics(arrays, last.turns[-1:])
-        equations.begin(rows.y[0])
-        status = march(
-            equations.table, Table(stages), self.system, self.small, float(before), float(limit)
-        )
+        kinematics = self._kinematics_at(rows.t, last.turns[-1:])
+        kinematics.begin(rows.y[0])
+        status = march(kinematics.table, Table(stages), self.system, self.small, before, limit)
         good = int(stages.last[0])
-        rows.turns = equations.turns(rows.t.size)
+        rows.turns = kinematics.turns(rows.t.size)
         if good:
             self.parts.append(rows.leading(good))
         return status, good, rows
+
+    def _kinematics_at(self, times: Array, turns: Array) -> Kinematics:
+        """Equations of motion at times (instants,) [s], whose angles count on from turns.
+
+        Their arrays serve all batches: to make them takes as long as some steps.
+        """
+        known, tabulate = self._kinematics, self.model.tables.tabulate
+        if known is not None and len(known.model.drive) >= times.size:
+            known.set_tables(tabulate(times), turns)
+            return known
+        missing = max(_LONGEST_BATCH - times.size, 0)
+        tables = tabulate(np.append(times, np.full(missing, times[-1])))
+        self._kinematics = Kinematics(self.model.arrays._replace(**tables), turns)
+        return self._kinematics
 
     def _jumps(self, rows: _Rows) -> bool:
         """Add the jumps of accelerations and multipliers at the start, if there are any.
@@ -448,86 +538,25 @@ class _March:
         rows.multipliers[0] += multipliers_after - multipliers
         return True
 
-    @property
-    def t(self) -> float:
-        return float(self.parts[-1].t[-1])
-
-
-def _adaptive(
-    model: FlatModel,
-    start: _Rows,
-    norms: Array,
-    integrator: RadauIIA,
-    tolerance: float,
-    first: float | None,
-) -> tuple[_Rows, bool]:
-    """Trajectory with steps that keep a tolerance, and whether forces in joints limit them, too.
-
-    The norms grow on the way. Where links come into line forces grow without bound, so that steps
-    which follow them come to no end, while longer ones pass: then the motion alone limits steps.
-    """
-    found = load_steps(model.tables, integrator.end_time, FEWER_SAMPLES)
-    begin = norms.copy()
-    try:
-        return _marched(model, start, norms, integrator, tolerance, first, found), found.resolved
-    except SimulationError:
-        if not found.resolved:
-            raise
-    norms[:] = begin
-    found = replace(found, resolved=False)
-    return _marched(model, start, norms, integrator, tolerance, first, found), False
-
-
-def _marched(
-    model: FlatModel,
-    start: _Rows,
-    norms: Array,
-    integrator: RadauIIA,
-    tolerance: float,
-    first: float | None,
-    found: LoadSteps,
-) -> _Rows:
-    """The steps of `_adaptive`, which are judged by forces in joints where loads are resolved."""
-    duration = integrator.end_time
-    longest = min(integrator.largest_step or duration, duration)
-    limit = tolerance**_EXPONENT
-    h, batch, before = min(first or 1e-3 * duration, longest), 1, 1.0
-    # Steps end where loads or prescribed motions change so fast that a step might not see it.
-    march_state = _March(integrator, model, start, norms, found)
-    corners = [*np.union1d(_jumps_inside(model, integrator), found.special), duration]
-    while march_state.t < duration:
-        t = march_state.t
-        end = next(corner for corner in corners if corner > t)
-        if t in corners:
-            batch, before = 1, 1.0
-        count = math.ceil((end - t) / h * (1.0 - 1e-9))
-        if count <= batch:
-            ends = np.linspace(t, end, max(count, 1) + 1)
-        else:
-            ends = t + h * np.arange(batch + 1)
-        status, good, rows = march_state.advance(ends, limit)
-        if status == CONVERGED:
-            error = max(_relative(rows.errors, norms) / limit, 1e-8)
-            factor = 0.9 * error ** (-0.7 / 4.0) * before ** (0.4 / 4.0)
-            before = error
-            if 0.95 < factor < 1.2:
-                batch = min(2 * batch, _BATCH)
-            else:
-                h = min(h * min(max(factor, 0.2), 4.0), longest)
-                batch = min(batch + 1, _BATCH) if factor < 1.5 else 1
-            continue
+    def failure(self, rows: _Rows, good: int, status: int) -> SimulationError:
+        """The exception for a failed step."""
+        so_far, row = self.trajectory(), 3 * good + 3
+        length = rows.t[row] - rows.t[row - 3]
         if status == REJECTED:
-            error = min(max(_relative(rows.errors[good], norms) / limit, 1.0), 1e8)
-            h *= min(max(0.2, 0.9 * error ** (-1.0 / 4.0)), 0.7)
-        else:
-            h *= 0.25
-        batch, before = 1, 1.0
-        if h < _SHORTEST * duration:
-            raise _failure(march_state, rows, good, status)
-    return _Rows.joined(march_state.parts)
+            text = (
+                f"at t = {rows.t[row - 3]:.6g} s steps of {length:.1e} s are too long for the "
+                "tolerance: the motion cannot go on, or is not smooth there; look at the motion so "
+                "far in the exception's trajectory"
+            )
+            return SimulationError(text, so_far)
+        tried = _trajectory(self.integrator, self.model.at(rows.t), rows, self.norms)
+        where = f"step {so_far.step_ends.size} of {length:.3g} s"
+        iterations = int(rows.iterations[good])
+        return SimulationError(diagnosis(tried, row, where, iterations, status), so_far)
 
 
 def _trajectory(integrator: RadauIIA, model: FlatModel, rows: _Rows, norms: Array) -> Trajectory:
+    """A trajectory of the rows, whose errors count relative to the norms (4,)."""
     weights = np.zeros(rows.t.size)
     weights[1:] = np.ravel(np.diff(rows.t[::3])[:, None] * A[2])
     largest = _relative(rows.errors, norms)
@@ -545,28 +574,9 @@ def _trajectory(integrator: RadauIIA, model: FlatModel, rows: _Rows, norms: Arra
 
 
 def _relative(errors: Array, norms: Array) -> float:
-    """Largest error of steps, (4,) or (steps, 4), relative to norms (4,), as of the fourth order.
+    """Largest error of steps (steps, 4) relative to norms (4,), as of the fourth order.
 
     The errors of multipliers are those of one order less.
     """
-    relative = np.max(np.reshape(errors / norms, (-1, 4)), axis=0, initial=0.0)
-    return float(max(*relative[:3], relative[3] ** (1.0 / OF_FORCES)))
-
-
-def _failure(march_state: _March, rows: _Rows, good: int, status: int) -> SimulationError:
-    """The exception for a failed step."""
-    model, so_far = march_state.model, _Rows.joined(march_state.parts)
-    trajectory = _trajectory(march_state.integrator, model.at(so_far.t), so_far, march_state.norms)
-    row = 3 * good + 3
-    length = rows.t[row] - rows.t[row - 3]
-    if status == REJECTED:
-        text = (
-            f"at t = {rows.t[row - 3]:.6g} s steps of {length:.1e} s are too long for the "
-            "tolerance: the motion cannot go on, or is not smooth there; look at the motion so "
-            "far in the exception's trajectory"
-        )
-        return SimulationError(text, trajectory)
-    tried = _trajectory(march_state.integrator, model.at(rows.t), rows, march_state.norms)
-    where = f"step {trajectory.step_ends.size} of {length:.3g} s"
-    iterations = int(rows.iterations[good])
-    return SimulationError(diagnosis(tried, row, where, iterations, status), trajectory)
+    way, velocity, strain, force = (errors.max(axis=0, initial=0.0) / norms).tolist()
+    return max(way, velocity, strain, force ** (1.0 / OF_FORCES))

@@ -23,7 +23,7 @@ from .instant import (
     place_vectors,
 )
 from .lowering import Lowering
-from .metric import elastic_mass, length_of, mass_norm, norm_floors
+from .metric import elastic_mass, largest_length, length_of, mass_norm, norm_floors
 from .motion import (
     IN_SPACE,
     MarkerMotion,
@@ -60,6 +60,7 @@ __all__ = [
     "holds_axes",
     "integral_bars",
     "is_spatial",
+    "largest_length",
     "length_of",
     "marker_bar",
     "marker_motion_pullback",

@@ -56,6 +56,7 @@ class _Fields(NamedTuple):
     #: (bodies, modes + rigid, modes + rigid) D of the position corrections, integration/steps.py
     inverse: Array3
     gravity: Matrix  # (instants, d) less the acceleration of the ground [m/s^2]
+    reach: Vector  # (1,) largest length that constraints add up at the start [m]
     vector_body: IntVector  # (vectors,) body, or -1 for one that moves as prescribed
     vector_slot: IntVector  # (vectors,) place in `prescribed` for the latter
     vector_kind: IntVector  # (vectors,)
@@ -235,7 +236,7 @@ def work_arrays(model: Arrays) -> Work:
 
 def counts_turns(model: Arrays) -> bool:
     """Whether there are angles whose full turns are counted from step to step."""
-    return bool(np.isin(model.kind, (ANGLE, GEAR, MESH)).any())
+    return bool(np.any(model.kind >= ANGLE))  # ANGLE, GEAR and MESH are the last kinds
 
 
 def size(model: Arrays) -> int:

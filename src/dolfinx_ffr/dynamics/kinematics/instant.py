@@ -10,10 +10,9 @@ import numpy as np
 from ...arrays import Array
 from ..compilation import Compiled, Table
 from ..equations import CONSTRAINTS, FORCES, OTHER_FORCES, ROWS, TANGENT, equations
-from .arrays import TABLES, constraints, counts_turns, size, work_arrays
+from .arrays import TABLES, constraints, size, work_arrays
 from .body_arrays import ModelArrays
 from .evaluation import FUNCTIONS
-from .metric import largest_length
 
 
 def compiled_kinematics(*, space: bool) -> tuple[Compiled, ...]:
@@ -42,20 +41,28 @@ class Kinematics:
         addresses = [f.address for f in (self._evaluate, self._pullback, measure)]
         addresses += [self._model.address, self._work.address]
         turning = model.turning
-        addresses += [f.address for f in charts if turning or counts_turns(model)]
+        addresses += [f.address for f in charts if turning or self.work.turns.size]
         addresses += [0] * (7 - len(addresses))
         #: State at one instant, and what the equations of motion are there.
         self.equations = equations(size(model), constraints(model), tuple(addresses), turning)
         # The round-off of a position is that of the lengths that a joint adds up there: it does not
         # vanish where a body stands at the origin.
-        length = largest_length(model)
         for first in model.first:
-            self.equations.floor[first : first + model.d] = length
+            self.equations.floor[first : first + model.d] = model.reach[0]
         for place in turning:
             # The round-off of a rotation is that of its matrix, whose entries are up to one.
             self.equations.floor[place : place + 3] = 1.0
         #: The same for compiled functions.
         self.table = Table(self.equations)
+
+    def set_tables(self, tables: dict[str, Array], turns: Array) -> None:
+        """Put other tables, of no more instants, in the place of those that were given.
+
+        Angles over time begin with turns, as :meth:`turns` gives them.
+        """
+        for name, table in tables.items():
+            getattr(self.model, name)[: len(table)] = table
+        self.work.turns[: len(turns)] = turns
 
     @property
     def marker_bars(self) -> Array:

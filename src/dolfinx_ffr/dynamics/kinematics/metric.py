@@ -41,9 +41,9 @@ def length_of(model: ModelArrays) -> float:
 
 
 def largest_length(model: ModelArrays) -> float:
-    """Largest length that constraints add up at the start [m].
+    """Largest length that constraints add up at the first instant [m].
 
-    Arms of markers, prescribed positions, lengths of ways and ways along lines.
+    It is that of an arm of a marker, a prescribed position, a distance or a way along a line.
     """
     of_point, ours = model.vector_kind == OF_POINT, model.vector_body >= 0
     points, prescribed = of_point & ours, of_point & ~ours
