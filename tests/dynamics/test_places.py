@@ -13,13 +13,19 @@ from shared.spatial_scenes import IN_SPACE
 
 import dolfinx_ffr as ffr
 
+#: The motions in space are none that anyone would want.
+pytestmark = [
+    pytest.mark.filterwarnings(f"ignore::dolfinx_ffr.{name}Warning")
+    for name in ("LargeDeformation", "Softening", "TiltedAxis", "TimeStep")
+]
+
 
 def moved(thing: Any, shift: np.ndarray) -> Any:
     """A mechanism, or a part of it, at another place."""
-    if isinstance(thing, ffr.Ground):
-        return replace(thing, position=tuple(np.array(thing.position) + shift))
-    if isinstance(thing, ffr.Placement):
-        return replace(thing, position=tuple(np.array(thing.position) + shift))
+    if isinstance(thing, ffr.Ground | ffr.Placement):
+        # the ground's origin stands for that of space, too
+        position = np.append(thing.position, np.zeros(len(shift) - len(thing.position)))
+        return replace(thing, position=tuple(position + shift))
     if isinstance(thing, ffr.Moving):
         names = "xy" if thing.z is None else "xyz"
         coordinates = {name: getattr(thing, name) + shift["xyz".index(name)] for name in names}
@@ -35,7 +41,6 @@ def moved(thing: Any, shift: np.ndarray) -> Any:
     return replace(thing, **{f.name: moved(getattr(thing, f.name), shift) for f in fields(thing)})
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_ffr.TimeStepWarning")  # of few steps
 @pytest.mark.parametrize("distance", [0.0, 1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("name", [*SCENES, *IN_SPACE])
 def test_a_machine_at_another_place(name: str, distance: float) -> None:

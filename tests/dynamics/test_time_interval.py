@@ -38,6 +38,8 @@ def model(
     """
 
     def run(method: Any) -> Any:
+        if method.adaptive:
+            raise ffr.SimulationError("no adaptive steps", None)  # type: ignore[arg-type]
         witness = isinstance(method, TrapezoidalWitness)
         steps = 50 * method.each if witness else method.times.size - 1
         if steps < failing:
@@ -97,7 +99,7 @@ def test_tolerance_out_of_reach() -> None:
 )
 def test_more_steps_than_are_ever_divided_are_refused(kind: Any, most: int) -> None:
     """With the number that is the most, and what helps."""
-    exact = Certificate(np.ones(1), 0.0, False, ())
+    exact = Certificate(np.ones(1), 0.0, False, (), CELLS)
     found = refined([kind(2.0, steps=most)], *model(20.0, 100.0), exact, 1e-4)
     assert found.integrator.steps == most and found.met
     with pytest.raises(ValueError, match=f"{most + 2:,} steps.* more than the {most:,} .*fewer"):
@@ -149,6 +151,26 @@ def test_error_is_below_the_tolerance(objective: Any) -> None:
     assert problem.with_tolerance(scene.bodies, 1e-5).integrator == finer.integrator
     motion = ffr.simulate(scene.mechanism, scene.bodies, ffr.TimeInterval(0.4, 1e-3))
     assert motion.error <= 1e-3
+
+
+def test_steps_are_graded_where_a_motion_is_fast_for_a_short_time() -> None:
+    """A damper stops a body within some 10 microseconds of a second: equal steps are too many."""
+    damping, body = 1e5, ffr.VolumeIntegrals.rigid(1.0, (0.0, 0.0), 0.1, {"pin": (0.0, 0.0)})
+    mechanism = ffr.Mechanism(
+        {"body": ffr.Placement((0.0, 0.0), velocity=(1.0, 0.0))},
+        [ffr.Translational(("body", "pin"), ffr.Ground(), name="rails")],
+        forces=[ffr.SpringDamper(("body", "pin"), ffr.Ground((10.0, 0.0)), 0.0, damping)],
+    )
+    interval, speed = ffr.TimeInterval(1.0, 1e-3), ffr.MarkerVelocity("body", "pin")
+    problem = ffr.MechanicalProblem(mechanism, interval, speed)
+    choice = problem.choice({"body": body}, interval)
+    assert choice.met and choice.integrator.times.size < 300
+    # frozen: the same for other bodies, so that gradients are exact
+    frozen = replace(problem, integrator=choice.integrator)
+    assert np.isclose(frozen.value({"body": body}).psi, 0.5 / damping, rtol=choice.error)
+    heavy = ffr.VolumeIntegrals.rigid(1.5, (0.0, 0.0), 0.1, {"pin": (0.0, 0.0)})
+    motion = frozen.value({"body": heavy}).trajectory
+    assert np.array_equal(motion.step_ends, choice.integrator.times)
 
 
 @pytest.mark.mpi

@@ -58,9 +58,7 @@ _METRES = (
     "minimum_gap minimum_member place position radius region rim size solid_length solid_rim "
     "spacing surface thickness width"
 )
-_SECONDS = (
-    "beta duration end_time first_step jumps largest_step period smoothing start tau times window"
-)
+_SECONDS = "beta duration end_time jumps period smoothing start tau times window"
 #: Units of arguments by their names; all other arguments have no unit
 _UNITS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_METRES.split(), ("m",)),

@@ -6,20 +6,23 @@ it less than the machine does. Where the values of both agree, no vibration matt
 are resolved; where they do not, the steps are halved. Both follow steps that resolve the loads and
 prescribed motions (`load_steps`). In a machine without damping the trapezoidal rule alone is
 trusted, once three of its trajectories agree, as there only the other method damps vibrations.
+
+Where equal steps do not come to an agreement, as a motion is fast for a short time, both follow
+graded steps: those of an adaptive run, each divided by the same number.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...arrays import Array
 from ..failures import SimulationError
-from ..load_steps import LoadSteps
+from ..load_steps import FEWEST_CELLS, LoadSteps, equal_steps
 from ..trajectory import Integrator, Trajectory
-from .radau import RadauIIA
+from .radau import LOOSEST, SAME, RadauIIA
 from .witness import TrapezoidalWitness
 
 #: Simulates with a method.
@@ -50,6 +53,7 @@ class Certificate:
     #: Whether vibrations contribute to them that Radau IIA had lost with the first steps.
     rings: bool
     tried: tuple[tuple[Integrator, Array], ...]  #: The methods that were tried, and their numbers.
+    cells: LoadSteps  #: The cells, each divided by the same number, in which both methods agree.
 
 
 def relative_change(exact: Array, other: Array) -> float:
@@ -74,6 +78,65 @@ def certified(
     some steps, whose error need be known to a share `NEAR` only. Raises the SimulationError or
     MemoryError of the last method if neither finds a trajectory.
     """
+    failure: SimulationError | MemoryError | None = None
+    found: list[Certificate] = []
+    for follow in (lambda: cells, lambda: graded_cells(run, cells)):
+        steps = follow()
+        if steps is None:
+            break
+        try:
+            certificate = _certified(run, judge, steps, tolerance, damped=damped, near=near)
+        except (SimulationError, MemoryError) as error:
+            failure = failure or error
+            continue
+        if certificate.error <= _enough(tolerance, certificate.values, near):
+            return certificate
+        found.append(certificate)
+    if not found:
+        assert failure is not None
+        raise failure
+    return min(found, key=lambda certificate: certificate.error)
+
+
+def _enough(tolerance: float, values: Array, near: Array | None) -> float:
+    """The error of values that is small enough, beside that of the same numbers `near` them."""
+    return max(tolerance, 0.0 if near is None else NEAR * relative_change(values, near))
+
+
+def graded_cells(run: Run, cells: LoadSteps) -> LoadSteps | None:
+    """The steps of an adaptive run as cells; None where equal ones would be about as good.
+
+    Its tolerance is the loosest, as each cell is divided afterwards.
+    """
+    end_time = float(cells.ends[-1])
+    try:
+        ends = run(RadauIIA(end_time, tolerance=LOOSEST)).step_ends
+    except (SimulationError, MemoryError):
+        return None
+    named = np.union1d(cells.corners, cells.special)
+    if named.size:
+        # the run has found the same jumps and fast changes, but for round-off
+        apart = np.min(np.abs(ends[1:-1, None] - named), axis=1) > SAME * end_time
+        ends = np.union1d(np.append(ends[[0, -1]], named), ends[1:-1][apart])
+    ends = equal_steps(ends, np.ceil(np.diff(ends) * (FEWEST_CELLS / end_time)), 1)
+    lengths = np.diff(ends)
+    # Twice as many equal steps are tried anyway, and none of more steps than the work allows.
+    gains = end_time > 2.0 * lengths.size * float(np.min(lengths))
+    if not gains or 3 * (COST + EACH) * lengths.size > MOST_WORK:
+        return None
+    return replace(cells, ends=ends, special=ends[1:-1], fast=np.ones(lengths.size, dtype=bool))
+
+
+def _certified(
+    run: Run,
+    judge: Judge,
+    cells: LoadSteps,
+    tolerance: float,
+    *,
+    damped: bool,
+    near: Array | None,
+) -> Certificate:
+    """The same in given cells."""
     tried: list[tuple[Integrator, Array]] = []
     radau: list[Array | None] = []
     kept: list[Array | None] = []
@@ -101,7 +164,7 @@ def certified(
             continue
         if best is None or gap <= best[0]:
             best = gap, values
-        if gap <= max(tolerance, 0.0 if near is None else NEAR * relative_change(values, near)):
+        if gap <= _enough(tolerance, values, near):
             break
     if best is None:
         best = _last_resort(radau, kept)
@@ -112,7 +175,7 @@ def certified(
     if best[0] > tolerance:  # then the other method may know better
         against += [values for values in kept[-1:] if values is not None]
     rings = any(_rings(radau, values, tolerance) for values in against)
-    return Certificate(best[1], best[0], rings, tuple(tried))
+    return Certificate(best[1], best[0], rings, tuple(tried), cells)
 
 
 def _ahead(now: Array, before: Array | None) -> Array:

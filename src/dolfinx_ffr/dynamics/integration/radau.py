@@ -55,7 +55,7 @@ _PILOT = 0.1
 #: Steps below this share of the duration mean that the motion cannot be followed.
 _SHORTEST = 1e-11
 #: Share of the duration, or of a step, below which two times count as the same.
-_SAME = 1e-9
+SAME = 1e-9
 #: A jump of the accelerations below this share of them is round-off.
 _NO_JUMP = 1e-9
 #: Steps of a trajectory for which there is one at least between two jumps
@@ -291,7 +291,7 @@ def _step_ends(integrator: RadauIIA, jumps: Array) -> Array:
     if jumps.size == 0:
         return times
     if integrator._count is None:
-        shortest = _SAME * float(np.min(np.diff(times)))
+        shortest = SAME * float(np.min(np.diff(times)))
         new = jumps[np.min(np.abs(jumps[:, None] - times), axis=1) > shortest]
         return np.union1d(times, new)
     corners = np.array([0.0, *jumps, integrator.end_time])
@@ -303,7 +303,7 @@ def _step_ends(integrator: RadauIIA, jumps: Array) -> Array:
 
 def _jumps_inside(model: FlatModel, integrator: RadauIIA) -> Array:
     """Jumps between the start and the end [s]."""
-    jumps, least = model.tables.jumps, _SAME * integrator.end_time
+    jumps, least = model.tables.jumps, SAME * integrator.end_time
     jumps = jumps[(jumps > least) & (jumps < integrator.end_time - least)]
     return jumps[np.diff(jumps, prepend=0.0) > least]
 

@@ -18,7 +18,16 @@ from ..load_steps import LoadSteps
 from ..model import FlatModel
 from ..trajectory import Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
 from .accuracy import LOOSEST, TIGHTEST
-from .certificate import COST, Certificate, Judge, Run, certified, radau_in, relative_change
+from .certificate import (
+    COST,
+    Certificate,
+    Judge,
+    Run,
+    certified,
+    graded_cells,
+    radau_in,
+    relative_change,
+)
 from .generalized_alpha import GeneralizedAlpha
 from .radau import RadauIIA
 
@@ -99,8 +108,9 @@ class TimeInterval(Integrator):
     prescribed motions are sampled between the steps, too. Then the cheapest method and steps are
     taken, adjoint included, that agree with these numbers to the tolerance, and still do with twice
     as many steps: :class:`RadauIIA`, or :class:`GeneralizedAlpha`, without numerical damping where
-    vibrations matter. The choice is the same on every machine and rank, and told by
-    ``problem.integrator``.
+    vibrations matter. Where equal steps would be too many, Radau IIA takes short ones where the
+    motion is fast, alike for all designs. The choice is the same on every machine and rank, and
+    told by ``problem.integrator``.
 
     :class:`Problem` chooses with every design element filled by one half, and by the full bodies,
     and keeps the steps for all designs; :func:`optimize` looks at them again where psi has changed
@@ -155,10 +165,14 @@ class TimeInterval(Integrator):
             error = relative_change(exact.values, judge(present)) + exact.error
             found = (present.integrator, error) if error <= tolerance else None
         if found is None:
-            families = [self._radau(cells), self._alpha(GeneralizedAlpha.spectral_radius)]
+            families = [self._radau(exact.cells), self._alpha(GeneralizedAlpha.spectral_radius)]
             if not cells.corners.size and not damped:
                 families.append(self._alpha(1.0))
             found = _cheapest(families, run, judge, exact, tolerance)
+            graded = graded_cells(run, cells) if found[1] > tolerance else None
+            if graded is not None and exact.cells is cells:
+                other = _cheapest([self._radau(graded)], run, judge, exact, tolerance)
+                found = min(found, other, key=lambda choice: choice[1])
         seconds = perf_counter() - start
         return StepChoice(*found, tolerance, exact.rings, cells.resolved, seconds)
 
