@@ -179,6 +179,7 @@ def test_parallelograms_through_their_singular_positions() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:the steps keep their tolerance in the motion")
 @pytest.mark.parametrize(
     ("integrator", "limit"),
     [

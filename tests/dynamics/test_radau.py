@@ -18,6 +18,7 @@ from shared.scenes import (
     SCENES,
     Bodies,
     Scene,
+    parallelograms,
     slider_crank,
     slider_crank_mechanism,
     trapezoidal_drive,
@@ -101,6 +102,13 @@ def test_steps_that_were_taken_can_be_taken_again() -> None:
     assert np.max(np.abs(first.w - again.w) / scale) < 1e-9
     # The sizes of the motion are those of the run itself, not also those of the one before it.
     assert again.error == pytest.approx(first.error, rel=1e-2)
+
+
+def test_forces_that_no_steps_follow_are_left_out_and_that_is_said() -> None:
+    """Where links come into line forces grow without bound, and longer steps pass."""
+    with pytest.warns(ffr.TimeStepWarning, match="not in the forces in joints.*links come into"):
+        trajectory = ffr.simulate(*parallelograms(), ffr.RadauIIA(4.0, tolerance=1e-4))
+    assert math.isnan(trajectory.force_error) and trajectory.error <= 1e-4
 
 
 def jerky(known: bool = True) -> Scene:
