@@ -228,7 +228,8 @@ def test_shade_is_the_density(tmp_path: Path) -> None:
         # the interfaces are the tallest coloured things; go to the middle between them
         row = rows[0] + 20
         inside = picture[row, columns[0] + 60 : columns[0] + 260]
-        assert inside == pytest.approx(255.0 * (1.0 - density), abs=3.0)
+        # edges between cells are smoothed
+        assert np.median(inside, axis=0) == pytest.approx(255.0 * (1.0 - density), abs=1.0)
 
 
 def test_interfaces_are_marked_in_colour(tmp_path: Path) -> None:
