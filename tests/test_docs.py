@@ -20,7 +20,7 @@ from shared import TOP
 import dolfinx_ffr as ffr
 
 PAGE = TOP / "docs" / "scenes.md"
-HOW_TO = sorted((TOP / "docs" / "how_to").glob("*.md"))
+HOW_TO = [*sorted((TOP / "docs" / "how_to").glob("*.md")), TOP / "docs" / "how_good.md"]
 #: One program over several pages
 TUTORIAL = sorted((TOP / "docs" / "tutorial").glob("[1-9]*.md"))
 NOTEBOOKS = sorted((TOP / "docs" / "notebooks").glob("*.ipynb"))
