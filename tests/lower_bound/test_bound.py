@@ -231,6 +231,9 @@ def refused(case: str) -> ffr.Problem:
         objective = ffr.PeakCompliance()
     elif case == "stiffening":
         return four_bar(MPI.COMM_SELF, COMPLIANCE)
+    elif case == "curved cells":
+        nodes = plain.flexible["rod"].domain.mesh.geometry.x
+        nodes[:, 1] *= 1.0 - 0.5 * nodes[:, 0]  # a taper
     elif case == "a marker":
         return swing_about_a_point(MPI.COMM_SELF, 400)
     elif case == "vibrations":
@@ -245,6 +248,7 @@ def refused(case: str) -> ffr.Problem:
         ("a freedom", "the rigid motion depends on the parts: 2 rows"),
         ("another objective", "the objective is PeakCompliance"),
         ("stiffening", "'coupler' has geometric stiffness"),
+        ("curved cells", "no parallelograms"),
         ("a marker", "or modes that are left out"),
         ("vibrations", "vibrations count"),
     ],

@@ -87,6 +87,16 @@ class Bernstein:
         return parts
 
 
+def refuse_curved_cells(domain: Domain) -> None:
+    """Refuse, on every rank, a mesh in whose cells no displacement has a polynomial as strain."""
+    _, shares = domain.quadrature_points(2)
+    if domain.comm.allreduce(bool(np.any(np.abs(shares - shares[:1]) > _ROUND_OFF)), MPI.LOR):
+        raise ValueError(
+            "bound: the mesh has curved cells, or quadrilaterals that are no parallelograms, over "
+            "which the bound cannot be integrated on the safe side; take triangles of order 1"
+        )
+
+
 def least_over_cells(
     support: Support, bodies: Mapping[str, StaticBody], volume: Mapping[str, float]
 ) -> float:
@@ -105,7 +115,7 @@ def least_over_points(
     """The least value of an affine bound over all densities, from below; collective.
 
     Raises:
-        ValueError: On every rank, if a mesh has cells in which g is no polynomial.
+        ValueError: On every rank, if g is no polynomial in a cell.
     """
     value = support.constant
     for name, history in support.histories.items():
@@ -165,13 +175,11 @@ def _coefficients(basis: Bernstein, body: StaticBody, history: BodyHistory) -> A
     g = pairing(body.fields, -2.0 * history.loads, history.strains, -history.strains)
     coefficients = basis.coefficients(g[:, :-1])
     off = np.abs(coefficients @ basis(between[None])[0] - g[:, -1])
-    _, shares = domain.quadrature_points(2)
-    curved = np.any(off > _ROUND_OFF * np.max(np.abs(g), initial=0.0))
-    curved |= np.any(np.abs(shares - shares[:1]) > _ROUND_OFF)
-    if domain.comm.allreduce(bool(curved), MPI.LOR):
+    odd = np.any(off > _ROUND_OFF * np.max(np.abs(g), initial=0.0))
+    if domain.comm.allreduce(bool(odd), MPI.LOR):
         raise ValueError(
-            "bound: the mesh has curved cells, or quadrilaterals that are no parallelograms, over "
-            "which the bound cannot be integrated on the safe side; take triangles of order 1"
+            "bound: the material varies within cells, over which the bound cannot be integrated on "
+            "the safe side; give it constants"
         )
     return coefficients
 

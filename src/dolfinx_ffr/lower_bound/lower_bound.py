@@ -13,7 +13,7 @@ from ..documentation import Shown
 from ..objective import IntegralCompliance, PowerMean, WeightedSum, WorstCase
 from ..parallel import on_every_rank
 from ..problem import Problem
-from .certificate import least_over_points
+from .certificate import least_over_points, refuse_curved_cells
 from .quasi_static import Driven, QuasiStatic, StaticBody
 from .sheet import best_sheet
 
@@ -108,12 +108,16 @@ def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None
     with on_every_rank(problem.comm, WORK):
         shares = _shares(problem, volume)
         _refuse(problem)
+    for body in problem.flexible.values():
+        refuse_curved_cells(body.domain)
     full = problem.value({n: 1.0 - b.domain.void_cells for n, b in problem.flexible.items()})
     with on_every_rank(problem.comm, WORK):
         cases = {name: Driven(problem, full, name) for name in problem.load_cases}
     bodies = {name: StaticBody.sheet(body) for name, body in problem.flexible.items()}
     solid = QuasiStatic.at(bodies, cases, {n: part.density for n, part in full.bodies.items()})
     static = problem.combine.value(solid.psi)
+    if not static > 0.0:
+        raise ValueError("bound: nothing loads the bodies, and psi is zero")
     vibrations = full.psi / static - 1.0
     if abs(vibrations) > _VIBRATIONS:
         raise ValueError(
@@ -124,6 +128,8 @@ def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None
     psi = least_over_points(support, bodies, shares)
     if not psi > 0.0:
         raise ValueError("bound: on this mesh it is not above zero; take smaller elements")
+    for static_body in bodies.values():
+        static_body.body.release()
     return LowerBound(
         psi=psi,
         full=static,
