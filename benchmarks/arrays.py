@@ -3,7 +3,7 @@
 
 The study leaves for each a file of the rod, as `VolumeIntegrals.save` writes a body in space, and
 one of the machine, for programs that know nothing of this package: `read_arrays.py` is one. How
-many digits are sure follows from half as many steps and by SciPy's integrator.
+many digits are sure follows from half as many steps, and from SciPy's integrator.
 """
 
 from time import process_time
