@@ -46,7 +46,6 @@ FLOORS = (
     "archive",
     "limits",
     "validation",
-    "caches",
     "files",
     "surroundings",
     "documentation",

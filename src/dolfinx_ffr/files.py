@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files that are written whole or not at all, names that are safe, and locks.
+"""Files that are written whole or not at all, names that are safe, locks, and spare folders.
 
 Files that other files include are read only where they came with them.
 """
@@ -11,6 +11,8 @@ import errno
 import fcntl
 import os
 import re
+import stat
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -158,3 +160,16 @@ def unlocked(path: Path, file: int) -> None:
     path.unlink(missing_ok=True)
     fcntl.flock(file, fcntl.LOCK_UN)  # also for processes that were forked meanwhile
     os.close(file)
+
+
+def spare_directory() -> Path | None:
+    """A directory of this user alone among the temporary files, None if there can be none."""
+    path = Path(tempfile.gettempdir()) / f"dolfinx_ffr-{os.getuid()}"
+    try:
+        path.mkdir(mode=0o700, exist_ok=True)
+        status = path.lstat()
+    except OSError:
+        return None
+    ours = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid()
+    others = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return path if ours and not others and os.access(path, os.W_OK | os.X_OK) else None

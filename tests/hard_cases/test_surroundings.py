@@ -22,8 +22,7 @@ from shared.problems import Copy
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
-from dolfinx_ffr.caches import spare_directory
-from dolfinx_ffr.files import file_names
+from dolfinx_ffr.files import file_names, spare_directory
 from dolfinx_ffr.io import save_checkpoint, write_history
 from dolfinx_ffr.program import run
 from dolfinx_ffr.surroundings import working_with_numpy

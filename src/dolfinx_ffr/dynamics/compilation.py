@@ -24,7 +24,7 @@ from typing import Annotated, Any, NamedTuple, TypeAlias, cast, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from ..caches import spare_directory
+from ..files import spare_directory
 from ..surroundings import working_with_numpy
 
 with working_with_numpy("numba"):

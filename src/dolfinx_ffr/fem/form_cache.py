@@ -22,8 +22,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from ..caches import spare_directory
-from ..files import locked
+from ..files import locked, spare_directory
 from ..parallel import on_every_rank
 from . import _compat
 
