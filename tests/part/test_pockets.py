@@ -56,6 +56,8 @@ def test_a_design_has_a_web_and_a_rim_along_its_outline(kind: type[ffr.DensityDe
     assert np.all(empty[away < 4e-3 - size] > 1.0 - 1e-12)
     np.testing.assert_allclose(empty[away > 4e-3 + size], WEB, atol=1e-9)
     assert np.max(design.density(design.even(1.0))) <= 1.0
+    # but for elements that the edge of the rim cuts, all have one of both thicknesses
+    assert ffr.gray_fraction(body, empty, WEB) < 0.3
 
 
 @pytest.mark.mpi
@@ -82,6 +84,23 @@ def test_measures_of_a_part_count_the_web(part: ffr.Part) -> None:
     assert set(density) == {WEB, 1.0}
     filled = STEEL.thickness * fitted.sum(fitted.cell_volumes * density)
     assert filled == pytest.approx(part.volume, rel=1e-5)
+
+
+def test_a_web_alone_may_hold_an_interface() -> None:
+    """The hub around a bore is an island in a ring of web."""
+    shape = shapely.box(0.0, -0.01, 0.06, 0.01).difference(shapely.Point(0.04, 0.0).buffer(2e-3))
+    ends = {"left": lambda x: x[0] < 1e-9, "bore": ffr.fem.Bore(at=(0.04, 0.0))}
+    body = ffr.Domain.from_outline(MPI.COMM_SELF, shape, interfaces=ends, size=0.002)
+
+    def ring(x: np.ndarray) -> np.ndarray:
+        away = np.hypot(x[:, 0] - 0.04, x[:, 1])
+        return np.maximum(away - 8e-3, 4e-3 - away)
+
+    part = ffr.Part(body, ring, material=STEEL, web=WEB)
+    assert (part.pieces, part.holes, len(part.pockets)) == (2, 1, 1)
+    assert part.pocket_area == pytest.approx(np.pi * (8e-3**2 - 4e-3**2), rel=1e-4)
+    with pytest.raises(ValueError, match="no material connects"):
+        ffr.Part(body, ring, material=STEEL)
 
 
 def test_files_have_pockets_to_their_depth(part: ffr.Part, tmp_path: Path) -> None:
