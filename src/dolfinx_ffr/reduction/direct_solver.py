@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Solution of symmetric positive definite systems whose rows are shared by ranks.
 
-CHOLMOD solves 1.6 to 3 times as fast as MUMPS, but runs on one rank only. So each rank factors the
-matrix of its own unknowns and of those between the parts, which come last: of this L L^T the corner
-of the last unknowns g is that of A_gg - A_gi A_ii^-1 A_ig. Nothing but the corners is left to be
-added up, factored as one matrix, and solved with, which every rank does. Where so many ranks share
-a body that this is much of it, MUMPS factors, its rows on all ranks.
+CHOLMOD is faster than MUMPS (CPU time in the plane, 33,000 unknowns: factor and solution 2.5 times;
+in space, 20,000: solution 1.2 times), but runs on one rank only. So each rank factors the matrix of
+its own unknowns and of those between the parts, which come last: of this L L^T the corner of the
+last unknowns g is that of A_gg - A_gi A_ii^-1 A_ig. Nothing but the corners is left to be added up,
+factored as one matrix, and solved with, which every rank does. Value and gradient of the body in
+the plane take 0.9 instead of 1.4 s of the busier rank's CPU time on two ranks. Where so many ranks
+share a body that the corners are much of it, MUMPS factors, its rows on all ranks.
 """
 
 from __future__ import annotations

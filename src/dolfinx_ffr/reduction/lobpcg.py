@@ -4,7 +4,9 @@
 Each iteration minimises Rayleigh quotients over the present fields X, the last changes P and the
 preconditioned residuals W of the fields that have not converged. [X, P] stays M-orthonormal, by
 small matrices alone, and W is made orthogonal to it, so that no digits are lost. Each iteration
-takes one product by K and one by M with W; SLEPc's method takes several of them with all fields.
+takes one product by K and one by M with W. SLEPc's method applies the inverse to one vector after
+the other; with PETSc's cycles it takes as long for 10,000 unknowns, 1.7 times as long for 31,000
+with 40 % void (eleven modes: 9.4 instead of 5.5 s of CPU), and 1.34 times for 70,000 without void.
 
 References:
     A. V. Knyazev, Toward the optimal preconditioned eigensolver: locally optimal block

@@ -2,8 +2,14 @@
 """Solution by conjugate gradients with multigrid, for bodies whose factor is too large.
 
 A factor of a body in space has some n^(4/3) entries, a hierarchy of coarser systems has as many as
-the matrix (`coarse_systems`). The cycles are done here, for all columns of a block at once, several
-times faster than one vector after the other.
+the matrix (`coarse_systems`). The cycles are done here, for all columns of a block at once, as the
+time to read a matrix hardly depends on their number. PETSc's cycles with the same levels, Chebyshev
+polynomials and number of iterations take one vector after the other, in CPU time:
+
+    six columns to 1e-10          here [s]   PETSc [s]
+    10,000 unknowns, gray           0.16       0.19
+    70,000 unknowns, gray           1.5        4.7
+    70,000 unknowns, 40 % void      8.2       24.7
 
 References:
     J. Lottes, Optimal polynomial smoothers for multigrid V-cycles, Numerical Linear Algebra with
