@@ -479,17 +479,19 @@ def through_trajectory(
     The adjoints of some numbers were ``pulled`` back, by ``keys`` of any kind; those of others are
     zero.
     """
-    found, own = dict[Key, Derivatives](), dict[Key, dict[str, float]]()
+    derivatives, by_parameters = dict[Key, Derivatives](), dict[Key, dict[str, float]]()
     if pulled and isinstance(response.trajectory.model.mechanism, ParametricMechanism):
         names = response.trajectory.model.mechanism.parameters.names
         bars = [bar.mechanism for bar in pulled.values()]
         for key, row in zip(pulled, parameter_slopes(response.trajectory, bars), strict=True):
-            own[key] = dict(zip(names, row.tolist(), strict=True))
+            by_parameters[key] = dict(zip(names, row.tolist(), strict=True))
     for key in keys:
         bodies = pulled[key].bodies if key in pulled else None
         none = {name: body.zeros_like() for name, body in response.bodies.items()}
-        found[key] = Derivatives(integrals=bodies or none, parameters=own.get(key, {}))
-    return found
+        derivatives[key] = Derivatives(
+            integrals=bodies or none, parameters=by_parameters.get(key, {})
+        )
+    return derivatives
 
 
 def moves(direct: Derivatives, response: Response) -> bool:

@@ -74,10 +74,14 @@ class BodyMarker(Shown):
     @staticmethod
     def of_rigid_body(position: ArrayLike, axes: ArrayLike | None = None) -> BodyMarker:
         """A point of a body without shape functions, from its ``position`` and ``axes``."""
-        where = as_array(position)
-        none = np.zeros((where.size, 0))
-        own = None if axes is None else as_array(axes)
-        return BodyMarker(where, none, none if where.size == 3 else np.zeros(0), None, own)
+        place = as_array(position)
+        no_shapes = np.zeros((place.size, 0))
+        return BodyMarker(
+            position=place,
+            displacement=no_shapes,
+            rotation=no_shapes if place.size == 3 else np.zeros(0),
+            axes=None if axes is None else as_array(axes),
+        )
 
     @property
     def basis(self) -> Array:

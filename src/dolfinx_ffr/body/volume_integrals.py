@@ -205,21 +205,21 @@ class VolumeIntegrals(Shown):
         mass = validation.number("rigid body: mass", mass, above=0.0, unit="kg")
         points = validation.by_name("rigid body: markers", markers or {}, "positions")
         d = dimension_of_inertia(inertia, [center, *points.values()])
-        given = np.zeros(d) if center is None else center
-        c = validation.real_array("rigid body: center", given, (d,), expected=f"{d} components")
-        found = {}
+        origin = np.zeros(d) if center is None else center
+        c = validation.real_array("rigid body: center", origin, (d,), expected=f"{d} components")
+        body_markers = {}
         for name, point in points.items():
             if not isinstance(point, BodyMarker):
                 position = validation.real_array(f"rigid body: marker {name!r}", point, (d,))
                 point = BodyMarker.of_rigid_body(position)
-            found[name] = point
+            body_markers[name] = point
         S, K = mass * c[None, :], np.zeros((0, 0))
         if d == 3:
             P = moments_of_rigid_body(mass, c, inertia)
-            return VolumeIntegrals.in_space(mass, S, P, K, found)
+            return VolumeIntegrals.in_space(mass, S, P, K, body_markers)
         moment = validation.number("rigid body: inertia", inertia, above=0.0, unit="kg m^2")
         G = np.array([[moment + mass * c @ c]])
-        return VolumeIntegrals(mass, S, G, np.zeros((1, 1)), K, found)
+        return VolumeIntegrals(mass, S, G, np.zeros((1, 1)), K, body_markers)
 
     @staticmethod
     def from_arrays(
@@ -256,9 +256,9 @@ class VolumeIntegrals(Shown):
                 shape, holds NaN, or suits no body (see :meth:`validate`).
         """
         moments = {"P": P, "G": G, "N": N}
-        given = [key for key, array in moments.items() if array is not None]
-        if given not in (["P"], ["G", "N"]):
-            raise ValueError(f"body {name!r}: give either P or both G and N, not {given}")
+        moments_given = [key for key, array in moments.items() if array is not None]
+        if moments_given not in (["P"], ["G", "N"]):
+            raise ValueError(f"body {name!r}: give either P or both G and N, not {moments_given}")
         in_space, second = np.shape(S)[1:] == (3,), None
         if in_space and P is None:
             raise ValueError(f"body {name!r}: S has three columns; in space give P, not G and N")
@@ -344,10 +344,9 @@ class VolumeIntegrals(Shown):
             "marker_rotations": rotations.reshape((n, r) if d == 2 else (n, d, r)),
         }
         for key, default in (("stiffening", np.zeros((d, r, r))), ("axes", np.eye(3))):
-            own = [getattr(point, key) for point in points]
-            if any(array is not None for array in own):
-                parts = [default if array is None else array for array in own]
-                arrays[f"marker_{key}"] = np.array(parts)
+            values = [getattr(point, key) for point in points]
+            if any(array is not None for array in values):
+                arrays[f"marker_{key}"] = np.array([default if v is None else v for v in values])
         return arrays
 
     @staticmethod
@@ -366,8 +365,10 @@ class VolumeIntegrals(Shown):
         try:
             markers = {}
             for n, name in enumerate(arrays.get("markers", np.zeros(0, dtype=np.str_)).ravel()):
-                own: list[Any] = [arrays[key][n] if key in arrays else None for key in MARKERS]
-                marker = BodyMarker(*own)
+                marker_arrays: list[Any] = [
+                    arrays[key][n] if key in arrays else None for key in MARKERS
+                ]
+                marker = BodyMarker(*marker_arrays)
                 if marker.stiffening is not None and not np.any(marker.stiffening):
                     marker = replace(marker, stiffening=None)
                 markers[str(name)] = marker

@@ -335,7 +335,7 @@ def _body(
     Me = terms["Me"][0]
     # of Cr the part that changes its sign with j and k is inertia, the other one stiffening
     by_cr = first_order("Cr")
-    spun, kept = (0.5 * (by_cr + sign * by_cr.transpose(1, 0, 2)) for sign in (-1.0, 1.0))
+    spun, symmetric = (0.5 * (by_cr + sign * by_cr.transpose(1, 0, 2)) for sign in (-1.0, 1.0))
     by_oe = first_order("Oe")
     if np.any(first_order("Gr")):
         T = first_order("Gr").reshape(3, r, r, 3).transpose(2, 1, 0, 3)
@@ -348,7 +348,7 @@ def _body(
     if np.any(first_order("Gr")):
         _alike("Cr", spun, "Gr", axial(P[1:, 1:]))
     size = np.sqrt(np.abs(np.outer(np.diag(Me), np.diag(Me))))
-    turned = _of_parts(by_oe - _centrifugal(P[1:, 1:]), kept)
+    turned = _of_parts(by_oe - _centrifugal(P[1:, 1:]), symmetric)
     stiff = {
         "stiffening_rotation": np.moveaxis(turned, (2, 3), (0, 1)),
         "stiffening_acceleration": np.moveaxis(first_order("Ct"), 2, 0),

@@ -453,10 +453,10 @@ def spline(
     x[-1] = knots.size - 1
     if smoothing is not None:
         c = _fitted(what, x, np.minimum((t - t[0]) / unit, x[-1]), c, degree, both)
-    own = float(t[0]), unit, float(x[-1]), both
+    extent = float(t[0]), unit, float(x[-1]), both
     if smoothing is None and c.size <= _MOST_VALUES:
-        return Spline(*own, c, _linear_map(x.tobytes(), degree, both))
-    return Spline(*own, _through(x, c, degree, both))
+        return Spline(*extent, c, _linear_map(x.tobytes(), degree, both))
+    return Spline(*extent, _through(x, c, degree, both))
 
 
 def _ends(what: str, ends: str | tuple[str, str]) -> tuple[str, str]:

@@ -333,9 +333,9 @@ class Motion:
                 )
         else:
             known = validation.real_array(what, jumps, (None,))
-            passed = sample(inner, known, f"motion {inner.name!r}: the value")
-            for t, x in zip(known, passed, strict=True):
-                if not any(abs(x - own) <= 1e-6 * max(abs(own), 1.0) for own in self.jumps):
+            values = sample(inner, known, f"motion {inner.name!r}: the value")
+            for t, x in zip(known, values, strict=True):
+                if not any(abs(x - jump) <= 1e-6 * max(abs(jump), 1.0) for jump in self.jumps):
                     raise ValueError(
                         f"{what}: at t = {t:g} s {inner.name!r} is {x:.9g}, but {self.name!r} has "
                         f"its jumps at {list(self.jumps)}"
@@ -346,13 +346,13 @@ class Motion:
 
     def _passed(self, inner: Motion) -> Array | None:
         """Times at which another motion passes the jumps of this one [s], None if not known."""
-        line, own = inner._law, np.array(self.jumps, dtype=np.float64)
-        if not own.size:
-            return own
+        line, jumps = inner._law, np.array(self.jumps, dtype=np.float64)
+        if not jumps.size:
+            return jumps
         if not isinstance(line, Polynomial) or np.any(line.coefficients[2:]):
             return None
         start, speed = np.pad(line.coefficients, (0, 1))[:2]
-        return (own - start) / speed if speed else own[:0]
+        return (jumps - start) / speed if speed else jumps[:0]
 
     def tabulate(self, times: ArrayLike) -> Array:
         """Value, velocity and acceleration at given times (n,), shape (3, n).

@@ -47,13 +47,13 @@ def read_motion(
         raise ValueError(f"{what}: it is no table of numbers: {error}") from error
     numbers = [k for k, _ in lines[1:]]
     kinds: tuple[Mapping[str, float], ...] = (_TIMES, {**_ANGLES, **_LENGTHS})
-    kept = zip(("time", "value"), columns, strict=True)
-    places = [_column(what, rows[0], name, key) for key, name in kept]
+    quantities = zip(("time", "value"), columns, strict=True)
+    places = [_column(what, rows[0], name, key) for key, name in quantities]
     if places[0] == places[1]:
         raise ValueError(f"{what}: column {columns[0]!r} cannot be both times and values")
     chosen = [
-        _unit(f"{what}: column {name!r}", rows[0][place], given, known)
-        for name, place, given, known in zip(columns, places, units, kinds, strict=True)
+        _unit(f"{what}: column {name!r}", rows[0][place], stated_unit, known_units)
+        for name, place, stated_unit, known_units in zip(columns, places, units, kinds, strict=True)
     ]
     t, c = (
         np.array([_entry(what, k, row, place) for k, row in zip(numbers, rows[1:], strict=True)])
@@ -94,20 +94,22 @@ def _split(title: str) -> tuple[str, str | None]:
     return match["name"], match["unit"]
 
 
-def _unit(what: str, title: str, given: str | None, known: Mapping[str, float]) -> str:
+def _unit(what: str, title: str, stated_unit: str | None, known_units: Mapping[str, float]) -> str:
     """The unit of a column, from its title or as it is given."""
     written = _split(title)[1]
-    units = {_ALIKE.get(unit, unit) for unit in (written, given) if unit is not None}
+    units = {_ALIKE.get(unit, unit) for unit in (written, stated_unit) if unit is not None}
     if not units:
         raise ValueError(
             f"{what} has no unit; write it in brackets behind the name in the first line, or give "
-            f"it: one of {list(known)}"
+            f"it: one of {list(known_units)}"
         )
     if len(units) > 1:
-        raise ValueError(f"{what}: the unit given is {given!r}, but in the file it is {written!r}")
+        raise ValueError(
+            f"{what}: the unit given is {stated_unit!r}, but in the file it is {written!r}"
+        )
     unit = units.pop()
-    if unit not in known:
-        raise ValueError(f"{what}: the unit must be one of {list(known)}, but it is {unit!r}")
+    if unit not in known_units:
+        raise ValueError(f"{what}: the unit must be one of {list(known_units)}, but it is {unit!r}")
     return unit
 
 

@@ -237,10 +237,10 @@ def turning(
 
     In the plane a ValueError refuses an axis that is not perpendicular to it.
     """
-    first, second = perpendicular(undeformed.axis(axis))
-    now = math.cos(angle) * first + math.sin(angle) * second
-    own = direction(a, undeformed.seen_from(a, b, now))
-    return own, direction(b, first), direction(b, second)
+    e_1, e_2 = perpendicular(undeformed.axis(axis))
+    now = math.cos(angle) * e_1 + math.sin(angle) * e_2
+    start_direction = direction(a, undeformed.seen_from(a, b, now))
+    return start_direction, direction(b, e_1), direction(b, e_2)
 
 
 def relative_angle(

@@ -207,13 +207,13 @@ class Frequency(_WithoutTrajectory):
     def derivatives(self, response: Response) -> Derivatives:
         eigenvalues, vectors, chosen = self._eigenpairs(response)
         self._warn_of_neighbours(eigenvalues, chosen)
-        own, v = eigenvalues[chosen], vectors[:, chosen]
-        mean = 1.0 / np.mean(1.0 / own)
+        lambdas, v = eigenvalues[chosen], vectors[:, chosen]
+        mean = 1.0 / np.mean(1.0 / lambdas)
         # d psi = psi / (2 lambda) d lambda, d lambda_i = v_i . (dK - lambda_i dM) v_i
         psi = math.sqrt(mean) / (2.0 * math.pi)
-        weights = 0.5 * psi * mean / (self.cluster * own**2)
+        weights = 0.5 * psi * mean / (self.cluster * lambdas**2)
         K = (weights * v) @ v.T
-        M = -(weights * own * v) @ v.T
+        M = -(weights * lambdas * v) @ v.T
         return Derivatives(integrals={self.body: self._bar(response.bodies[self.body], K, M)})
 
     def validate(self, inventory: Inventory) -> None:

@@ -213,11 +213,12 @@ class Problem(LoadCases):
 
     def at_evaluation(self, evaluation: Evaluation) -> Self:
         """The same problem at the parameters of an ``evaluation``."""
-        given, own = (each.names if each else [] for each in (evaluation.at, self.parameters))
-        if given != own:
+        evaluated = evaluation.at.names if evaluation.at else []
+        names = self.parameters.names if self.parameters else []
+        if evaluated != names:
             raise ValueError(
-                f"problem: the evaluation is of another problem: its parameters are {given}, and "
-                f"those of this problem {own}"
+                f"problem: the evaluation is of another problem: its parameters are {evaluated}, "
+                f"and those of this problem {names}"
             )
         return self if evaluation.at is None else self.at(evaluation.at.values)
 
@@ -315,8 +316,9 @@ class Problem(LoadCases):
         given steps stay as they are. Returns the problem itself where all steps still suffice; new
         ones are printed, with a `TimeStepWarning` if they do not.
         """
-        own = self.at_evaluation(evaluation)
-        return own._with(chosen_again(self.comm, own.load_cases, self._responses(evaluation)))
+        problem = self.at_evaluation(evaluation)
+        responses = self._responses(evaluation)
+        return problem._with(chosen_again(self.comm, problem.load_cases, responses))
 
     def time_errors(self, evaluation: Evaluation) -> dict[str, float]:
         """Estimates of the relative errors by the time steps at an ``evaluation``, by load case.
