@@ -36,8 +36,8 @@ def described(value: Any) -> str:
     return text if isinstance(value, type) or kind in text else f"{text} ({kind})"
 
 
-def _refused(what: str, needed: str, value: Any) -> TypeError:
-    return TypeError(f"{what} must be {needed}, but it is {described(value)}")
+def _refused(label: str, needed: str, value: Any) -> TypeError:
+    return TypeError(f"{label} must be {needed}, but it is {described(value)}")
 
 
 def is_number(value: Any) -> bool:
@@ -48,7 +48,7 @@ def is_number(value: Any) -> bool:
 
 
 def number(
-    what: str,
+    label: str,
     value: Any,
     *,
     above: float = -math.inf,
@@ -58,22 +58,22 @@ def number(
     unit: str = "",
 ) -> float:
     """A finite real number in its range: above, at least, below, at most."""
-    converted = _as_float(what, value)
+    converted = _as_float(label, value)
     inside = above < converted < below and least <= converted <= most
     if not (math.isfinite(converted) and inside):
         endless = converted == math.inf and min(below, most) == math.inf
         needed = "be finite" if endless else _range(above, least, below, most)
-        raise ValueError(f"{what} must {needed}, but it is {value} {unit}".rstrip())
+        raise ValueError(f"{label} must {needed}, but it is {value} {unit}".rstrip())
     return converted
 
 
-def _as_float(what: str, value: Any) -> float:
+def _as_float(label: str, value: Any) -> float:
     if not is_number(value):
-        raise _refused(what, "a number", value)
+        raise _refused(label, "a number", value)
     try:
         return float(value)
     except OverflowError:  # whole numbers and fractions have no largest one
-        raise ValueError(f"{what} is too large for a floating-point number") from None
+        raise ValueError(f"{label} is too large for a floating-point number") from None
 
 
 def _range(above: float, least: float, below: float, most: float) -> str:
@@ -92,9 +92,9 @@ def _range(above: float, least: float, below: float, most: float) -> str:
     return f"lie between {low:g} and {high:g}{without[len(excluded)]}"
 
 
-def integer(what: str, value: Any, *, least: float = 0) -> int:
+def integer(label: str, value: Any, *, least: float = 0) -> int:
     """A whole number in its range; 2.0 is one."""
-    converted = _as_float(what, value)
+    converted = _as_float(label, value)
     if not (converted.is_integer() and least <= converted):
         kind = {
             -math.inf: "a whole number",
@@ -102,40 +102,40 @@ def integer(what: str, value: Any, *, least: float = 0) -> int:
             1: "a positive whole number",
         }
         needed = kind.get(least, f"a whole number of at least {least:g}")
-        raise ValueError(f"{what} must be {needed}, but it is {value}")
+        raise ValueError(f"{label} must be {needed}, but it is {value}")
     return int(value)
 
 
-def flag(what: str, value: Any) -> bool:
+def flag(label: str, value: Any) -> bool:
     """True or False."""
     if not isinstance(value, bool | np.bool_):
-        raise _refused(what, "True or False", value)
+        raise _refused(label, "True or False", value)
     return bool(value)
 
 
-def function(what: str, value: Any, of: str) -> None:
-    """Refuse what cannot be called, as a function ``of`` something."""
+def function(label: str, value: Any, of: str) -> None:
+    """Refuse an argument that is no function ``of`` something."""
     if not callable(value):
-        raise _refused(what, f"a function of {of}", value)
+        raise _refused(label, f"a function of {of}", value)
 
 
-def name(what: str, value: Any) -> str:
+def name(label: str, value: Any) -> str:
     """A text."""
     if not isinstance(value, str):
-        raise _refused(what, "a text", value)
+        raise _refused(label, "a text", value)
     return value
 
 
-def names(what: str, value: Any) -> list[str]:
+def names(label: str, value: Any) -> list[str]:
     """A list of texts; a text alone is none."""
     if isinstance(value, str):
-        raise TypeError(f"{what} must be a list of texts, as [{value!r}], but it is {value!r}")
-    texts = instances(what, value, str, "texts")
+        raise TypeError(f"{label} must be a list of texts, as [{value!r}], but it is {value!r}")
+    texts = instances(label, value, str, "texts")
     # the order of a set of texts differs from process to process
     return sorted(texts) if isinstance(value, set | frozenset) else texts
 
 
-def keywords(what: str, given: Iterable[str], *takers: Callable[..., Any]) -> None:
+def keywords(label: str, given: Iterable[str], *takers: Callable[..., Any]) -> None:
     """Refuse options that none of the functions takes by name, with the name that is meant."""
     by_name = (Parameter.KEYWORD_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
     parameters = [p for taker in takers for p in signature(taker).parameters.values()]
@@ -144,30 +144,32 @@ def keywords(what: str, given: Iterable[str], *takers: Callable[..., Any]) -> No
         if option not in options:
             near = get_close_matches(option, options, 1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(options)}"
-            raise TypeError(f"{what} has no option {option!r}; {hint}")
+            raise TypeError(f"{label} has no option {option!r}; {hint}")
 
 
-def path(what: str, value: Any) -> Path:
+def path(label: str, value: Any) -> Path:
     """The path of a file or folder, in which ~ is the home directory."""
     if not isinstance(value, str | os.PathLike):
-        raise _refused(what, "a path", value)
+        raise _refused(label, "a path", value)
     try:
         return Path(value).expanduser()
     except RuntimeError as error:
-        raise ValueError(f"{what}: {str(value)!r} is in no home directory that is known") from error
+        raise ValueError(
+            f"{label}: {str(value)!r} is in no home directory that is known"
+        ) from error
 
 
-def choice(what: str, value: Any, options: Iterable[str]) -> str:
+def choice(label: str, value: Any, options: Iterable[str]) -> str:
     """One of several words."""
     words = list(options)
-    if name(what, value) not in words:
+    if name(label, value) not in words:
         one = " or ".join(map(repr, words)) if len(words) < 3 else f"one of {words}"
-        raise ValueError(f"{what} must be {one}, but it is {value!r}")
+        raise ValueError(f"{label} must be {one}, but it is {value!r}")
     return str(value)
 
 
 def real_array(
-    what: str,
+    label: str,
     value: Any,
     shape: tuple[int | None, ...] | None = None,
     *,
@@ -177,62 +179,62 @@ def real_array(
 
     The message says what is ``expected`` instead of the shape.
     """
-    array = numbers(what, value)
+    array = numbers(label, value)
     if shape is not None and not (
         len(shape) == array.ndim
         and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
     ):
         lengths = ", ".join("n" if n is None else str(n) for n in shape)
         wanted = expected or f"shape ({lengths}{',' if len(shape) == 1 else ''})"
-        raise ValueError(f"{what} must have {wanted}, but it has shape {array.shape}")
+        raise ValueError(f"{label} must have {wanted}, but it has shape {array.shape}")
     if not np.all(np.isfinite(array)):
-        raise ValueError(f"{what} holds NaN or infinity")
+        raise ValueError(f"{label} holds NaN or infinity")
     return array
 
 
-def numbers(what: str, value: Any) -> Array:
+def numbers(label: str, value: Any) -> Array:
     """An array of real numbers, of any shape, NaN and infinity included."""
     if type(value) is not np.ndarray:
-        refuse_masked(what, value)
+        refuse_masked(label, value)
     try:
         array = np.asarray(value)
     except ValueError as error:
-        raise ValueError(f"{what} must be an array, but its rows differ in length") from error
+        raise ValueError(f"{label} must be an array, but its rows differ in length") from error
     if array.dtype.kind not in "biuf":
         holds = {"c": "complex numbers", "U": "texts", "S": "texts"}.get(array.dtype.kind)
         shown = f"it holds {holds}" if holds and array.ndim else f"it is {described(value)}"
-        raise TypeError(f"{what} must hold real numbers, but {shown}")
+        raise TypeError(f"{label} must hold real numbers, but {shown}")
     return np.asarray(array, dtype=np.float64)
 
 
-def refuse_masked(what: str, value: Any) -> None:
+def refuse_masked(label: str, value: Any) -> None:
     """Refuse masked entries, which NumPy would replace by whatever stands below the mask."""
     rows = value if isinstance(value, list | tuple) else [value]
     arrays = [row for row in rows if isinstance(row, np.ma.MaskedArray)]
     if masked := sum(int(np.sum(np.ma.getmaskarray(array))) for array in arrays):
         raise ValueError(
-            f"{what} has {masked} masked entries, which are no values; "
+            f"{label} has {masked} masked entries, which are no values; "
             "fill them (array.filled(0.0)), or leave them out (array.compressed())"
         )
 
 
-def direction(what: str, value: Any, dimension: int, *, expected: str = "") -> tuple[float, ...]:
+def direction(label: str, value: Any, dimension: int, *, expected: str = "") -> tuple[float, ...]:
     """The components of a vector of any length from which a unit vector can be made."""
-    vector = real_array(what, value, (dimension,), expected=expected)
+    vector = real_array(label, value, (dimension,), expected=expected)
     length = math.hypot(*vector)
     if not length > _SHORTEST:
-        raise ValueError(f"{what} has no length; give a direction, of any length")
+        raise ValueError(f"{label} has no length; give a direction, of any length")
     if length > 1.0 / _SHORTEST:
-        raise ValueError(f"{what} is too long, {length:.3g}; give a direction, as a unit vector")
+        raise ValueError(f"{label} is too long, {length:.3g}; give a direction, as a unit vector")
     return tuple(vector.tolist())
 
 
-def rotation(what: str, value: Any) -> Array:
+def rotation(label: str, value: Any) -> Array:
     """The matrix of a rotation, shape (3, 3); of a rounded one that of the nearest rotation."""
-    matrix = nearest_rotation(real_array(what, value, (3, 3)))
+    matrix = nearest_rotation(real_array(label, value, (3, 3)))
     if np.max(np.abs(matrix.T @ matrix - np.eye(3))) > _ROUNDED or np.linalg.det(matrix) < 0.0:
         raise ValueError(
-            f"{what} must be the matrix of a rotation, whose columns are perpendicular unit "
+            f"{label} must be the matrix of a rotation, whose columns are perpendicular unit "
             f"vectors in a right-handed order, but it is {matrix.tolist()}"
         )
     return matrix
@@ -247,55 +249,55 @@ def nearest_rotation(matrix: Array) -> Array:
     return np.asarray(u @ vt)
 
 
-def instance(what: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str) -> T:
+def instance(label: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str) -> T:
     """An object of a class, or of one of several."""
     if not isinstance(value, kind):
-        raise _refused(what, needed, value)
+        raise _refused(label, needed, value)
     return value
 
 
-def instances(what: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str) -> list[T]:
+def instances(label: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str) -> list[T]:
     """A list of objects of a class."""
-    entries = listed(what, value, f"a list of {needed}")
+    entries = listed(label, value, f"a list of {needed}")
     for position, entry in enumerate(entries):
         if not isinstance(entry, kind):
             raise TypeError(
-                f"{what} must be a list of {needed}, but entry {position} is {described(entry)}"
+                f"{label} must be a list of {needed}, but entry {position} is {described(entry)}"
             )
     return entries
 
 
-def listed(what: str, value: Any, needed: str) -> list[Any]:
+def listed(label: str, value: Any, needed: str) -> list[Any]:
     """The entries of a list, an array, a set, values of a mapping and the like."""
     no_list = isinstance(value, str | bytes | Mapping | type) or not isinstance(value, Collection)
     if no_list or (isinstance(value, np.ndarray) and value.ndim == 0):
-        raise _refused(what, needed, value)
+        raise _refused(label, needed, value)
     return list(value)
 
 
-def by_name(what: str, value: Mapping[str, T], needed: str) -> dict[str, T]:
+def by_name(label: str, value: Mapping[str, T], needed: str) -> dict[str, T]:
     """A mapping from names to anything."""
     if not isinstance(value, Mapping):
-        raise _refused(what, f"a mapping from names to {needed}", value)
+        raise _refused(label, f"a mapping from names to {needed}", value)
     for key in value:
-        name(f"{what}: a key", key)
+        name(f"{label}: a key", key)
     return dict(value)
 
 
 def instances_by_name(
-    what: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str
+    label: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str
 ) -> dict[str, T]:
     """A mapping from names to objects of a class."""
-    entries = by_name(what, value, needed)
+    entries = by_name(label, value, needed)
     for key, entry in entries.items():
-        instance(f"{what}: that of {key!r}", entry, kind, needed)
+        instance(f"{label}: that of {key!r}", entry, kind, needed)
     return entries
 
 
-def implementation(what: str, value: Any, members: Sequence[str], needed: str) -> Any:
+def implementation(label: str, value: Any, members: Sequence[str], needed: str) -> Any:
     """An object, of whatever class, that has all members of a protocol."""
     missing = [member for member in members if not hasattr(value, member)]
     if isinstance(value, type) or missing:
         lacks = "" if isinstance(value, type) else f", which has no {missing[0]!r}"
-        raise TypeError(f"{what} must be {needed}, but it is {described(value)}{lacks}")
+        raise TypeError(f"{label} must be {needed}, but it is {described(value)}{lacks}")
     return value

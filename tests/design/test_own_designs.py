@@ -82,7 +82,8 @@ class CrankProblem:
         found = self.mechanics.gradient({**self.scene.bodies, "crank": self.body(p)})
         assert found.derivatives is not None
         slope = self.body.pullback(p, found.derivatives.integrals["crank"])
-        return ffr.Evaluation(found.psi, {"crank": slope}, {}, {}, {}, {}, {}, {})
+        gradient = {"crank": slope}
+        return ffr.Evaluation(found.psi, {}, {}, {}, {}, {}, {}, gradient=gradient)
 
     def differentiate(self, evaluation: ffr.Evaluation) -> ffr.Evaluation:
         return evaluation
