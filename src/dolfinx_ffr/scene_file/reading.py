@@ -103,6 +103,7 @@ _OTHER_UNITS = {
     ("Moving", "y"): ("m",),
     ("Moving", "z"): ("m",),
     ("PathTracking", "path"): ("m",),
+    ("PeakStress", "box"): ("m",),
     ("Placement", "velocity"): ("m/s",),
     ("PrescribedAngle", "motion"): ("rad",),
     ("RadauIIA", "steps"): ("s",),
