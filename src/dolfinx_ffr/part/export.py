@@ -325,20 +325,21 @@ def _write_stl(part: Sheet, path: Path, unit: str) -> None:
 
     def faces(shape: shapely.Geometry, low: float, high: float) -> list[Array]:
         """Triangles that look up at a height, and down at a lower one."""
-        found = []
+        facets: list[Array] = []
         for piece in shapely.get_parts(shapely.orient_polygons(shape)):
             cells = shapely.get_parts(shapely.constrained_delaunay_triangles(piece))
             flats = np.array([flat(cell)[:3] for cell in shapely.orient_polygons(cells)])
-            found += [flats + np.array([0, 0, high]), flats[:, ::-1] + np.array([0, 0, low])]
-        return found
+            facets += [flats + np.array([0, 0, high]), flats[:, ::-1] + np.array([0, 0, low])]
+        return facets
 
     def walls(rings: Sequence[shapely.Geometry], low: float, high: float) -> list[Array]:
         """Triangles on walls with the material on the left of their rings."""
-        bottom, up, found = np.array([0.0, 0.0, low]), np.array([0.0, 0.0, high - low]), []
+        bottom, up = np.array([0.0, 0.0, low]), np.array([0.0, 0.0, high - low])
+        facets: list[Array] = []
         for ring in rings:
             a, b = flat(ring)[:-1] + bottom, flat(ring)[1:] + bottom
-            found += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
-        return found
+            facets += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
+        return facets
 
     floors = shapely.MultiPolygon(list(part.floors))
     triangles = faces(part.polygon, 0.0, height)

@@ -332,8 +332,15 @@ class Part(Enclosed):
             [list(zip(*loop, strict=True)) for loop in zip(*piece, strict=True)]
             for piece in zip(*around, strict=True)
         ]
-        told = pieces, names, self.polygon, lambda: self.thickness
-        return Sheet(*told, pockets=pockets, floors=self.floors, web=self.web)
+        return Sheet(
+            pieces,
+            names,
+            self.polygon,
+            lambda: self.thickness,
+            pockets=pockets,
+            floors=self.floors,
+            web=self.web,
+        )
 
     def sizes(self, size: float | None, count: int) -> list[float]:
         first = _FIRST * self.spacing if size is None else size
