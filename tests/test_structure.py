@@ -26,6 +26,7 @@ FLOORS = (
     "paper",
     "optimization",
     "boundary",
+    "boundary_field",
     "plotting",
     "part",
     "lower_bound",

@@ -55,5 +55,6 @@ from .plane_mesh import (
     surfaces,
     walked,
 )
+from .rims import with_rims
 from .stress_recovery import StressRecovery
 from .tetrahedra import DESIGNED, SOLID, VOID, GatheredMesh, Tetrahedra, surface_of

@@ -302,6 +302,17 @@ class Spline(Curve):
         control[0], control[-1] = points[0], points[-1]
         return Spline(np.asarray(spline.t), control, 3)
 
+    @staticmethod
+    def around(points: Array) -> Spline:
+        """A closed cubic spline, smooth everywhere, around points (n, 2) on a curve [m]."""
+        ring = np.vstack([points, points[:1]])
+        t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ring, axis=0), axis=1))])
+        t /= t[-1]
+        periodic = make_interp_spline(t, ring, k=3, bc_type="periodic")
+        spline = Spline.of(periodic, np.concatenate([np.zeros(3), t, np.ones(3)]), 3)
+        spline.control[0] = spline.control[-1] = ring[0]
+        return spline
+
     def parameters(self, tolerance: float) -> Array:
         ends = self.breaks()
         if self.degree == 1:

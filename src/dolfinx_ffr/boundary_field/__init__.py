@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: MIT
+"""The boundary of a part as the zero of a spline field: its curves, sizes, steps and topology."""
+
+from __future__ import annotations
+
+from .field import BoundaryField as BoundaryField
+from .field import FieldSpace as FieldSpace
+from .fitted import FittedNodes as FittedNodes
+from .operations import cut as cut
+from .operations import dear_or_idle as dear_or_idle
+from .operations import missing_members as missing_members
+from .operations import small_voids as small_voids
+from .operations import united as united
+from .options import FieldOptions as FieldOptions
+from .projection import Projection as Projection
+from .projection import Secants as Secants
+from .projection import Step as Step
+from .sizes import SizeRows as SizeRows
+from .smoothing import free_variables as free_variables
+from .smoothing import is_uneven as is_uneven
+from .smoothing import mended as mended
+from .smoothing import metric as metric
+from .smoothing import redistanced as redistanced
+from .spline_grid import SplineGrid as SplineGrid

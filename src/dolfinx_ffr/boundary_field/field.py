@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: MIT
+"""The boundary of a body as the zero of a spline field, positive in the material."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import shapely
+from scipy.sparse import csc_matrix, csr_matrix, diags, eye
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+
+from ..arrays import Array, Mask
+from ..design import HoleRims, Isometry, Mirror, images
+from ..fem import Domain, ElasticMaterial, FlatHole, polygon, with_rims
+from ..parallel import on_rank_0
+from ..part import Part, solid_regions
+from .drawing import BodyDrawing, FieldDrawing
+from .options import FieldOptions
+from .spline_grid import SplineGrid
+
+#: How a symmetric positive definite matrix is factored with few entries
+SYMMETRIC: dict[str, Any] = {
+    "permc_spec": "MMD_AT_PLUS_A",
+    "diag_pivot_thresh": 0.0,
+    "options": {"SymmetricMode": True},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class FieldSpace:
+    """What all boundary fields of one body have in common."""
+
+    grid: SplineGrid
+    body: Domain  #: The body that is designed
+    material: ElasticMaterial | None  #: Of the part
+    upper: Array  #: Largest variables, which keep the material inside the outline [m]
+    held: Mask  #: Variables that stay, as they are near an interface that nothing keeps solid
+    isometries: Sequence[Isometry]  #: That leave every field, the identity first
+    rims: HoleRims  #: Around the holes of the body's drawing
+    member: float  #: Minimum member [m]
+    gap: float  #: Minimum gap [m]
+    radius: float  #: Minimum radius of curvature [m]
+    options: FieldOptions
+
+    @staticmethod
+    def of(
+        body: Domain,
+        member: float,
+        gap: float,
+        *,
+        radius: float | None = None,
+        rim: float = 0.0,
+        mirrors: Sequence[Mirror] = (),
+        material: ElasticMaterial | None = None,
+        options: FieldOptions = FieldOptions(),  # noqa: B008
+    ) -> FieldSpace:
+        """The fields of a ``body`` with minimum sizes [m]; a minimum radius is half a gap."""
+        isometries = images(mirrors)
+        axes = np.eye(2)
+        if mirrors:
+            normal = np.array(mirrors[0].normal) / np.linalg.norm(mirrors[0].normal)
+            axes = np.array([normal, [-normal[1], normal[0]]])
+        corners = shapely.get_coordinates(body.outline)
+        grid = SplineGrid.around(corners, options.spacing * member, isometries, axes)
+        upper = _distance_to_outline(body, grid)
+        radius = 0.5 * gap if radius is None else radius
+        rims = HoleRims(body, rim)
+        sizes = (member, gap, radius, options)
+        held = _near_undefended(body, grid, rims)
+        return FieldSpace(grid, body, material, upper, held, isometries, rims, *sizes)
+
+    def bounded(self, variables: Array) -> Array:
+        """The ``variables`` where they are no larger than they may be."""
+        return np.minimum(variables, self.upper)
+
+    @cached_property
+    def full(self) -> Part:
+        """All of the body as a part."""
+        # its spacing tells the accuracy of polygons
+        return Part(
+            self.body, lambda x: np.ones(len(x)), self.member, material=self.material, resolution=2
+        )
+
+    @cached_property
+    def solid(self) -> shapely.Geometry:
+        """What of the body stays solid, rims around the holes of its drawing among it [m]."""
+        regions = shapely.union_all(solid_regions(self.full))
+        if not (self.rims.width and self.drawn_holes):
+            return regions
+        around = shapely.union_all(self.drawn_holes).buffer(self.rims.width, quad_segs=96)
+        return regions.union(around.intersection(self.body.outline))
+
+    @property
+    def drawn_holes(self) -> list[shapely.Polygon]:
+        """The holes of the body's drawing [m]."""
+        return [hole.shape for hole in self.body.holes if isinstance(hole, FlatHole)]
+
+    @cached_property
+    def body_drawing(self) -> BodyDrawing:
+        """The drawing of the full body, divided where its rims end."""
+        drawing, step = self.full.drawing, 0.5 * self.grid.spacing
+        if self.rims.width and self.drawn_holes:
+            holes = shapely.union_all([shape.boundary for shape in self.drawn_holes])
+            fine = 1e-3 * self.rims.width
+            points = [curve.points(fine) for curve in drawing.curves]
+            near = holes.buffer(10.0 * fine)
+            held = [np.full(len(x) - 1, near.covers(shapely.LineString(x))) for x in points]
+            drawing = with_rims(drawing, points, held, self.rims.width)
+        return BodyDrawing.of(drawing, self.solid.buffer(1e-3 * step), step)
+
+    @cached_property
+    def designed(self) -> shapely.Geometry:
+        """Where the field decides [m]."""
+        return self.body_drawing.designed
+
+    @cached_property
+    def all_rows(self) -> csr_matrix:
+        """The shares of the variables on a raster of half a spacing over the grid."""
+        return self.grid.rows(self._raster)
+
+    @property
+    def _raster(self) -> Array:
+        counts = [np.arange(-2 * n, 2 * n + 1) for n in self.grid.half]
+        steps = np.stack(np.meshgrid(*counts, indexing="ij"), axis=-1).reshape(-1, 2)
+        return np.asarray(self.grid.center + 0.5 * self.grid.spacing * steps @ self.grid.axes)
+
+    @cached_property
+    def near(self) -> Mask:
+        """Which points of the raster are in the designed region or beside it."""
+        region = self.designed.buffer(self.grid.spacing)
+        shapely.prepare(region)
+        return np.asarray(shapely.contains_xy(region, *self._raster.T))
+
+    @property
+    def raster(self) -> Array:
+        """Those points, (n, 2) [m]."""
+        return self._raster[self.near]
+
+    @cached_property
+    def raster_rows(self) -> csr_matrix:
+        """The shares of the variables there, (n, variables)."""
+        return self.all_rows[self.near]
+
+    def fitted(self, values: Array) -> BoundaryField:
+        """The field nearest to ``values`` (n,) at the points of the raster, by least squares."""
+        mass, stiffness = self.grid.integrals
+        matrix = self.raster_rows.T @ self.raster_rows
+        smoothing = 1e-3 * (mass + stiffness) / self.grid.spacing
+        factor = splu(csc_matrix(matrix + smoothing + 1e-9 * eye(self.grid.size)), **SYMMETRIC)
+        variables = factor.solve(self.raster_rows.T @ values)
+        return BoundaryField(self, self.bounded(variables))
+
+    def of_part(self, part: Part) -> BoundaryField:
+        """The field whose zero is the free boundary of a ``part``."""
+        accuracy = 2.0 * part.accuracy
+        fixed = shapely.union_all([self.body.outline.boundary, self.solid.boundary])
+        free = part.polygon.boundary.difference(fixed.buffer(accuracy))
+        return self.of_material(part.polygon, free)
+
+    def of_material(
+        self, material: shapely.Geometry, edge: shapely.Geometry | None = None
+    ) -> BoundaryField:
+        """The field of a ``material`` with an ``edge`` that moves, by default all of it."""
+        edge = material.boundary if edge is None else edge
+        shapely.prepare(material)
+        far = self.options.cut_off * self.grid.spacing
+        distance = np.full(len(self.raster), far)
+        if not edge.is_empty:
+            dense = shapely.segmentize(edge, 0.1 * self.grid.spacing)
+            distance, _ = cKDTree(shapely.get_coordinates(dense)).query(self.raster)
+        solid = shapely.contains_xy(material, *self.raster.T)
+        # beside the designed region a point is as the region is there, so that no zero is along it
+        beyond = np.flatnonzero(~shapely.contains_xy(self.designed, *self.raster.T))
+        void, filled = self.designed.difference(material), self.designed.intersection(material)
+        points = shapely.points(self.raster[beyond])
+        solid[beyond] = ~(shapely.distance(void, points) < shapely.distance(filled, points))
+        sign = np.where(solid, 1.0, -1.0)
+        outside = self.raster_rows @ self.upper
+        return self.fitted(np.minimum(sign * np.minimum(distance, far), outside))
+
+
+def _distance_to_outline(body: Domain, grid: SplineGrid) -> Array:
+    """The distance from the outer edge of a body at each variable, negative outside [m].
+
+    A spline field of a distance is less than it where the edge is curved or has a corner, which a
+    few corrections of the variables make good.
+    """
+    edges = [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(body.outline)]
+    inside = shapely.union_all(edges)
+    shapely.prepare(inside)
+    points = shapely.points(grid.nodes)
+    sign = np.where(shapely.contains(inside, points), 1.0, -1.0)
+    distance = sign * shapely.distance(inside.boundary, points)
+    values, upper = grid.rows(grid.nodes), distance
+    for _ in range(4):
+        upper = upper + np.clip(distance - values @ upper, 0.0, 0.5 * grid.spacing)
+    return np.asarray(upper)
+
+
+def _near_undefended(body: Domain, grid: SplineGrid, rims: HoleRims) -> Mask:
+    """Variables that count at an interface along which cells are designed and no rim is."""
+    undefended = [n for n in body.designed_interfaces if not (rims.width and body.on_hole(n))]
+    held = np.zeros(grid.size, dtype=bool)
+    if undefended:
+        whole = Part(body, lambda x: np.ones(len(x)), grid.spacing, resolution=2)
+        for name in undefended:
+            for curve in whole.interface(name):
+                count = max(2, int(2.0 * curve.length / grid.spacing))
+                held[grid.rows(curve.at(np.linspace(0.0, 1.0, count))).indices] = True
+    return held
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """Points on the boundary of a part, half a sample from its corners at least."""
+
+    points: Array  #: (n, 2) [m]
+    normals: Array  #: Out of the material, (n, 2)
+    lengths: Array  #: Of boundary for which each stands, (n,) [m]
+    moves: Mask  #: Whether it moves with the zero of the field, (n,)
+    slopes: Array  #: |grad phi|, (n,)
+    rows: csr_matrix  #: Motion along the normal by each variable, zero where it stays, (n, v)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryField:
+    """One boundary: where the field of some variables is zero."""
+
+    space: FieldSpace
+    variables: Array  #: (variables,) [m]
+
+    def with_variables(self, variables: Array) -> BoundaryField:
+        """The field of other ``variables``, as far as these are allowed."""
+        return replace(self, variables=self.space.bounded(variables))
+
+    def spline(self, points: Array) -> Array:
+        """The spline field at ``points`` (n, 2) [m], (n,) [m]."""
+        return self.space.grid.value(self.variables, points)
+
+    def gradient(self, points: Array) -> Array:
+        """Its gradient, (n, 2)."""
+        return self.space.grid.gradient(self.variables, points)
+
+    @cached_property
+    def on_raster(self) -> Array:
+        """The spline field on a raster of half a spacing over the grid, (2 n + 1 each way)."""
+        return np.asarray(self.space.all_rows @ self.variables).reshape(
+            4 * self.space.grid.half + 1
+        )
+
+    @cached_property
+    def part(self) -> Part:
+        """What the field encloses; a ShapeError if it falls apart."""
+        drawing = on_rank_0(
+            self.space.body.comm,
+            lambda: FieldDrawing(self, self.space.grid, self.space.body_drawing).drawing,
+        )
+        return self.space.full.redrawn(drawing)
+
+    def mesh(self) -> Domain:
+        """Triangles that fit the part; collective."""
+        options = self.space.options
+        enough = np.sqrt(4.0 / np.sqrt(3.0) * self.part.area / options.triangles)
+        size = min(1.3 * options.triangle * self.space.member, enough)
+        domain = self.part.domain(size, across=options.triangle_across, turn=np.inf)
+        domain.whole = self.space.body
+        return domain
+
+    @cached_property
+    def edge(self) -> Edge:
+        """Points on all of its boundary, a sample apart."""
+        step = self.space.options.sample * self.space.member
+        rings = [polygon(loop, self.part.accuracy) for ls in self.part.outlines for loop in ls]
+        spread = [_spread(ring, step) for ring in rings]
+        points, normals, lengths = (np.concatenate(x) for x in zip(*spread, strict=True))
+        return self._edge(points, normals, lengths)
+
+    def _edge(self, points: Array, normals: Array, lengths: Array) -> Edge:
+        gradient = self.gradient(points)
+        slopes = np.linalg.norm(gradient, axis=1)
+        near = self.space.options.on_zero * self.space.grid.spacing * slopes
+        value = self.spline(points)
+        moves = (np.abs(value) < near) & ~self._fixed(points)
+        # onto the zero line
+        points = points - np.where(moves, value / slopes**2, 0.0)[:, None] * gradient
+        gradient[moves] = self.gradient(points[moves])
+        slopes = np.linalg.norm(gradient, axis=1)
+        normals = np.where(moves[:, None], -gradient / slopes[:, None], normals)
+        share = np.where(moves, 1.0 / slopes, 0.0)
+        rows = csr_matrix(diags(share) @ self.space.grid.rows(points))
+        rows.eliminate_zeros()
+        return Edge(points, normals, lengths, moves, slopes, rows)
+
+    def _fixed(self, points: Array) -> Mask:
+        """Whether ``points`` of the boundary are sides of what stays solid, or of rims."""
+        near = 1e-3 * self.space.grid.spacing
+        margin = self.space.rims.margin(points)
+        solid = shapely.distance(self.space.solid, shapely.points(points)) < near
+        return np.asarray(solid | (margin > -near))
+
+
+def _spread(ring: Array, step: float) -> tuple[Array, Array, Array]:
+    """Points about a ``step`` apart on a ring around material on its left, normals and lengths."""
+    side = np.roll(ring, -1, axis=0) - ring
+    length = np.linalg.norm(side, axis=1)
+    along = np.concatenate([[0.0], np.cumsum(length)])
+    count = max(3, int(np.ceil(along[-1] / step)))
+    at = (np.arange(count) + 0.5) / count * along[-1]
+    number = np.clip(np.searchsorted(along, at, side="right") - 1, 0, len(ring) - 1)
+    way = side[number] / np.maximum(length[number], 1e-300)[:, None]
+    points = ring[number] + (at - along[number])[:, None] * way
+    normals = np.column_stack([way[:, 1], -way[:, 0]])
+    return points, normals, np.full(count, along[-1] / count)

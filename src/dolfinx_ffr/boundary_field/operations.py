@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: MIT
+"""Changes of a part's topology: the material of a field united with shapes, or cut by them.
+
+A shape comes with its mirror images. Which shapes are worth a trial follows from what members carry
+and cost, and from the topological derivative of a member that is missing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from ..arrays import Array, Integers
+from ..reduction import Struts
+from .field import BoundaryField, FieldSpace
+from .smoothing import mended, redistanced
+
+
+def united(field: BoundaryField, shape: shapely.Geometry) -> BoundaryField:
+    """The field whose material is that of ``field`` and a ``shape`` [m]."""
+    return _refitted(field, np.maximum(_values(field), _inside(field.space, shape)))
+
+
+def cut(field: BoundaryField, shape: shapely.Geometry) -> BoundaryField:
+    """The field whose material is that of ``field`` without a ``shape`` [m]."""
+    return _refitted(field, np.minimum(_values(field), -_inside(field.space, shape)))
+
+
+def _values(field: BoundaryField) -> Array:
+    far = field.space.options.cut_off * field.space.grid.spacing
+    return np.asarray(np.clip(field.space.raster_rows @ field.variables, -far, far))
+
+
+def _inside(space: FieldSpace, shape: shapely.Geometry) -> Array:
+    """The signed distance from the edge of a shape, positive inside, at the raster [m]."""
+    far = space.options.cut_off * space.grid.spacing
+    values = np.full(len(space.raster), -far)
+    left, low, right, high = shape.buffer(far).bounds
+    x, y = space.raster.T
+    near = np.flatnonzero((x > left) & (x < right) & (y > low) & (y < high))
+    points = shapely.points(space.raster[near])
+    shapely.prepare(shape)
+    sign = np.where(shapely.contains(shape, points), 1.0, -1.0)
+    values[near] = np.clip(sign * shapely.distance(shape.boundary, points), -far, far)
+    return values
+
+
+def _refitted(field: BoundaryField, values: Array) -> BoundaryField:
+    changed = redistanced(field.space.fitted(values))
+    for _ in range(3):
+        changed = mended(changed, field.space.member)
+    return changed
+
+
+def with_images(space: FieldSpace, shape: shapely.Geometry) -> shapely.Geometry:
+    """A shape and all of its mirror images."""
+    return shapely.union_all([shapely.transform(shape, image) for image in space.isometries])
+
+
+def small_voids(field: BoundaryField) -> shapely.Geometry | None:
+    """All holes that are so small that they may be worth nothing; None if there are none."""
+    space, options = field.space, field.space.options
+    largest = options.small_void * space.member**2
+    polygons = shapely.get_parts(field.part.polygon)
+    holes = [shapely.Polygon(ring) for polygon in polygons for ring in polygon.interiors]
+    drawn = shapely.MultiPolygon(space.drawn_holes)
+    small = [hole for hole in holes if hole.area < largest and not hole.intersects(drawn)]
+    return shapely.union_all(small).buffer(space.grid.spacing) if small else None
+
+
+def thin_members(field: BoundaryField) -> list[shapely.Geometry]:
+    """The members between wider material, each with its mirror images."""
+    space, options = field.space, field.space.options
+    material = field.part.polygon
+    radius = options.opened * space.member
+    wide = material.buffer(-radius).buffer(1.01 * radius)
+    pieces = shapely.get_parts(material.difference(wide).intersection(space.designed))
+    pieces = [piece for piece in pieces if piece.area > 0.5 * space.member**2]
+    members: list[shapely.Geometry] = []
+    for piece in pieces:
+        place = piece.representative_point()
+        if not any(member.contains(place) for member in members):
+            members.append(with_images(space, piece).buffer(0.2 * space.member))
+    return members
+
+
+def dear_or_idle(
+    field: BoundaryField, places: Array, costs: Array, struts: Struts | None
+) -> list[shapely.Geometry]:
+    """The thin members that cost more than they carry, first, those most promising first.
+
+    The ``costs`` of minimum widths at their ``places`` (rows, 2), and what cells carry, are shares
+    of psi.
+    """
+    options = field.space.options
+    carried = centers = None
+    if struts is not None:
+        carried = struts.domain.everywhere(struts.carried)
+        centers = struts.domain.everywhere(struts.domain.centroids)
+    gains = []
+    for member in thin_members(field):
+        shapely.prepare(member)
+        cost = float(np.sum(costs[shapely.contains_xy(member, *places.T)]))
+        share = np.inf
+        if carried is not None and centers is not None:
+            share = float(np.sum(carried[shapely.contains_xy(member, *centers[:, :2].T)]))
+        if share < options.idle or cost > options.cut_cost:
+            gains.append((cost - min(share, 1.0), member))
+    gains.sort(key=lambda gain: -gain[0])
+    return [member for _, member in gains[: options.tried]]
+
+
+def missing_members(field: BoundaryField, struts: Struts) -> list[shapely.Geometry]:
+    """Straight members across holes that promise most, the best first; collective."""
+    space, options = field.space, field.space.options
+    points, ends = _across_holes(field)
+    if not len(ends):
+        return []
+    gains = -struts.changes(points, ends, space.member)
+    order = np.argsort(-gains, kind="stable")
+    order = order[gains[order] > max(options.promised, 0.3 * gains[order[0]])]
+    half, round_off = 0.5 * options.bar * space.member, max(1.5 * space.radius, 0.5 * space.gap)
+    material = field.part.polygon
+    members: list[shapely.Geometry] = []
+    for number in order:
+        line = shapely.LineString(points[ends[number]])
+        apart = 0.5 * line.length
+        if all(line.distance(member) > apart for member in members):
+            bar = with_images(space, line.buffer(half))
+            # the corners beside its ends are rounded, so that few sizes are to be mended
+            whole = material.union(bar).buffer(round_off).buffer(-round_off)
+            members.append(whole.intersection(bar.buffer(4.0 * round_off)))
+        if len(members) == options.tried:
+            break
+    return members
+
+
+def _across_holes(field: BoundaryField) -> tuple[Array, Integers]:
+    """Points around holes, and pairs of them that face each other with nothing between."""
+    member, edge = field.space.member, field.edge
+    step = max(1, int(1.5 / field.space.options.sample))
+    points, pairs, count = [], [], 0
+    for polygon in shapely.get_parts(field.part.polygon):
+        for ring in polygon.interiors:
+            hole = shapely.Polygon(ring)
+            near = hole.buffer(0.1 * member)
+            shapely.prepare(near)
+            on = np.flatnonzero(shapely.contains_xy(near, *edge.points.T))[::step]
+            x, normals = edge.points[on], edge.normals[on]
+            i, j = np.triu_indices(len(x), 1)
+            way = x[j] - x[i]
+            length = np.linalg.norm(way, axis=1)
+            facing = np.einsum("ij,ij->i", way, normals[i]) > 0.3 * length
+            facing &= np.einsum("ij,ij->i", way, normals[j]) < -0.3 * length
+            facing &= length > 3.0 * member
+            i, j = i[facing], j[facing]
+            clear = shapely.covers(near, shapely.linestrings(np.stack([x[i], x[j]], axis=1)))
+            pairs.append(np.column_stack([i[clear], j[clear]]) + count)
+            points.append(x)
+            count += len(x)
+    if not points:
+        return np.zeros((0, 2)), np.zeros((0, 2), dtype=np.int64)
+    return np.vstack(points), np.vstack(pairs)

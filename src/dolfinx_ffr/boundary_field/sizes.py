@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: MIT
+"""Members, gaps and radii no smaller than a minimum, as linear constraints on the variables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, vstack
+from scipy.spatial import cKDTree
+
+from ..arrays import Array, Integers
+from .field import BoundaryField
+
+
+@dataclass(frozen=True, eq=False)
+class SizeRows:
+    """Constraints value + slope . step <= 0, one for each narrow or sharp place."""
+
+    values: Array  #: (rows,), how much is missing as a share of the minimum with its spare
+    slopes: csr_matrix  #: (rows, variables) [1/m]
+    places: Array  #: In the middle of each, (rows, 2) [m]
+    members: int  #: Number of rows of members, which are the first ones
+    violation: float  #: Largest share by which a minimum itself is missed
+
+    @staticmethod
+    def of(field: BoundaryField) -> SizeRows:
+        """The rows of all members, gaps and radii of a field."""
+        space, options = field.space, field.space.options
+        spare = options.spare
+        members = _widths(field, -1.0, spare * space.member)
+        gaps = _widths(field, 1.0, spare * space.gap)
+        radii = _radii(field, spare * space.radius) if space.radius else _none(field)
+        values, slopes, places = zip(members, gaps, radii, strict=True)
+        widths = np.concatenate(values[:2])
+        sharpness = 1.0 + values[2]
+        # a width is (1 - value) and a radius 1 / (1 + value) of its minimum with the spare
+        least = min(1.0 - np.max(widths, initial=-1.0), 1.0 / np.max(sharpness, initial=0.5))
+        violation = max(0.0, 1.0 - spare * float(least))
+        rows = csr_matrix(vstack(slopes))
+        return SizeRows(
+            np.concatenate(values), rows, np.concatenate(places), len(values[0]), violation
+        )
+
+
+def _none(field: BoundaryField) -> tuple[Array, csr_matrix, Array]:
+    return np.zeros(0), csr_matrix((0, len(field.variables))), np.zeros((0, 2))
+
+
+def _widths(field: BoundaryField, side: float, least: float) -> tuple[Array, csr_matrix, Array]:
+    """The narrowest places through the material (``side`` -1) or through the void (1)."""
+    options, edge = field.space.options, field.edge
+    pairs = cKDTree(edge.points).query_pairs(options.seen * least, output_type="ndarray")
+    normals, points = edge.normals, edge.points
+    facing = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
+    pairs = pairs[(facing < options.facing) & np.any(edge.moves[pairs], axis=1)]
+    first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
+    way = points[second] - points[first]
+    distance = np.linalg.norm(way, axis=1)
+    straight = side * np.einsum("ij,ij->i", way, normals[first]) > options.across * distance
+    first, second, distance = (x[straight] for x in (first, second, distance))
+    if not len(first):
+        return _none(field)
+
+    # of each point the nearest opposite one, and the width across both sides, as points on them
+    # are not opposite to the last bit
+    order = np.argsort(distance, kind="stable")
+    order = order[np.unique(first[order], return_index=True)[1]]
+    first, second = first[order], second[order]
+    across = normals[first] - normals[second]
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    width = np.abs(np.einsum("ij,ij->i", points[second] - points[first], across))
+
+    middle = 0.5 * (points[first] + points[second])
+    chosen = _one_of_each_place(field, middle, width)
+    first, second, across, width = (x[chosen] for x in (first, second, across, width))
+    cosines = [np.abs(np.einsum("ij,ij->i", across, normals[k])) for k in (first, second)]
+    motion = [diags(c) @ edge.rows[k] for c, k in zip(cosines, (first, second), strict=True)]
+    # outward motion of the boundary widens members and narrows gaps
+    slopes = (side / least) * (motion[0] + motion[1])
+    return 1.0 - width / least, csr_matrix(slopes), middle[chosen]
+
+
+def _radii(field: BoundaryField, least: float) -> tuple[Array, csr_matrix, Array]:
+    """Where the curvature of the boundary is larger than it may be, or nearly so."""
+    options, edge, grid = field.space.options, field.edge, field.space.grid
+    points = edge.points[edge.moves]
+    turn, by_variables = _curvature(field, points)
+    sharp = np.abs(turn) * least * options.seen > 1.0
+    points, turn = points[sharp], turn[sharp]
+    chosen = _one_of_each_place(field, points, -np.abs(turn))
+    points, turn = points[chosen], turn[chosen]
+    number = np.flatnonzero(sharp)[chosen]
+    slopes = by_variables(number)
+    # as the boundary moves along its normal a circle becomes larger or smaller
+    speed = np.linalg.norm(field.gradient(points), axis=1)
+    slopes = slopes + diags(turn**2 / speed) @ grid.rows(points)
+    # curvatures are linear in the motion, and radii of sharp corners are not
+    values = np.abs(turn) * least - 1.0
+    return values, csr_matrix(diags(least * np.sign(turn)) @ slopes), points
+
+
+def _curvature(field: BoundaryField, points: Array):  # type: ignore[no-untyped-def]
+    """Curvature of the field's lines at points, positive in notches, and its slopes' function."""
+    grid, c = field.space.grid, field.variables
+    first, second = grid.slope_rows(points), grid.bend_rows(points)
+    x, y = (row @ c for row in first)
+    xx, xy, yy = second[0][0] @ c, second[0][1] @ c, second[1][1] @ c
+    size = np.maximum(np.hypot(x, y), 1e-300)
+    numerator = xx * y**2 - 2.0 * xy * x * y + yy * x**2
+    turn = numerator / size**3
+
+    def slopes(number: Integers) -> csr_matrix:
+        def times(factor: Array, rows: csr_matrix) -> csr_matrix:
+            return diags((factor / size**3)[number]) @ rows[number]
+
+        by_x = 2.0 * (yy * x - xy * y) - 3.0 * numerator * x / size**2
+        by_y = 2.0 * (xx * y - xy * x) - 3.0 * numerator * y / size**2
+        found = times(by_x, first[0]) + times(by_y, first[1])
+        found = found + times(y**2, second[0][0]) + times(x**2, second[1][1])
+        return csr_matrix(found - times(2.0 * x * y, second[0][1]))
+
+    return turn, slopes
+
+
+def _one_of_each_place(field: BoundaryField, points: Array, sizes: Array) -> Integers:
+    """The numbers of the smallest size in each bin of the body; mirror images are one place."""
+    width = field.space.options.bin * field.space.member
+    center = field.space.grid.center
+    images = np.stack([g(points) - center for g in field.space.isometries])
+    # of all images the one that is last in a direction that no mirror leaves
+    chosen = np.argmax(images @ np.array([1.0, np.sqrt(2.0)]), axis=0)
+    bins = np.floor(images[chosen, np.arange(len(points))] / width).astype(np.int64)
+    order = np.argsort(sizes, kind="stable")
+    return np.asarray(order[np.unique(bins[order], axis=0, return_index=True)[1]])

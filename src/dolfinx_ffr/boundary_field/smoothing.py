@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: MIT
+"""What a smooth motion of a boundary is, how sizes are mended by one, and fields with slope one."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, diags
+from scipy.spatial import cKDTree
+
+from ..arrays import Integers, Mask
+from .field import BoundaryField
+from .projection import Projection
+from .sizes import SizeRows
+
+
+def metric(field: BoundaryField) -> csc_matrix:
+    """The square of a motion's size: along the boundary with its slope, and in the bulk, [m].
+
+    M = int (v^2 + (smooth dv/ds)^2) + bulk (int u^2 / h + h int |grad u|^2), where u is the change
+    of the field, v = u / |grad phi| the motion of the boundary along its normal, and h the spacing.
+    """
+    space, edge = field.space, field.edge
+    smooth = space.options.smooth * space.member
+    moves = np.flatnonzero(edge.moves)
+    motion, lengths = edge.rows[moves], diags(edge.lengths[moves])
+    slope = _along(field, moves)
+    mass, stiffness = space.grid.integrals
+    total = motion.T @ lengths @ motion + smooth**2 * (slope.T @ lengths @ slope)
+    return csc_matrix(total + space.options.bulk * (mass + stiffness))
+
+
+def _along(field: BoundaryField, moves: Integers) -> csr_matrix:
+    """The slope of the motion along the boundary, where it moves, by the variables."""
+    edge = field.edge
+    by_x, by_y = field.space.grid.slope_rows(edge.points[moves])
+    normals, share = edge.normals[moves], 1.0 / edge.slopes[moves]
+    return csr_matrix(diags(-normals[:, 1] * share) @ by_x + diags(normals[:, 0] * share) @ by_y)
+
+
+def free_variables(field: BoundaryField) -> Mask:
+    """The variables that move the boundary, and may."""
+    free = np.zeros(len(field.variables), dtype=bool)
+    free[field.edge.rows.indices] = True
+    return free & ~field.space.held
+
+
+def mended(field: BoundaryField, reach: float) -> BoundaryField:
+    """The field with its minimum sizes, by the smallest motions that give them."""
+    options = field.space.options
+    for _ in range(options.mending):
+        rows = SizeRows.of(field)
+        if rows.violation <= 1e-3:
+            break
+        projection = Projection(
+            metric(field), free_variables(field), np.zeros(len(field.variables)), rows.slopes
+        )
+        motion, _ = projection.step(np.minimum(rows.values, options.at_once), 1.0)
+        longest = float(np.max(np.abs(motion), initial=0.0))
+        motion *= min(1.0, reach / max(longest, 1e-300))
+        field = field.with_variables(field.variables + motion)
+    return field
+
+
+def is_uneven(field: BoundaryField) -> bool:
+    """Whether the slope of a field at its zero is too steep or too flat."""
+    options, edge = field.space.options, field.edge
+    share = options.steep_share
+    low, high = np.quantile(edge.slopes[edge.moves], (share, 1.0 - share))
+    return bool(low < options.slopes[0] or high > options.slopes[1])
+
+
+def redistanced(field: BoundaryField) -> BoundaryField:
+    """A field with the same zero and slopes of one there, that keeps minimum sizes.
+
+    It minimises a int phi^2 / h^2 + int (dphi/dn + 1)^2 + b sum (phi - d)^2 / h^2 within the rows
+    of sizes, with options a of the zero and b of what is far from it, at the distance d.
+    """
+    space, options, edge = field.space, field.space.options, field.edge
+    grid, moves = space.grid, np.flatnonzero(edge.moves)
+    spacing = grid.spacing
+    points, normals = edge.points[moves], edge.normals[moves]
+    weights = diags(edge.lengths[moves] / spacing)
+    values = grid.rows(points)
+    by_x, by_y = grid.slope_rows(points)
+    outward = diags(normals[:, 0]) @ by_x + diags(normals[:, 1]) @ by_y
+    distance = np.minimum(cKDTree(points).query(grid.nodes)[0], options.cut_off * spacing)
+    target = np.sign(field.spline(grid.nodes)) * distance
+    at_nodes = grid.rows(grid.nodes)
+    far = options.far_weight / spacing**2
+    zero = options.zero_weight / spacing**2
+    matrix = zero * values.T @ weights @ values + outward.T @ weights @ outward
+    matrix = csc_matrix(matrix + far * at_nodes.T @ at_nodes)
+    right = -outward.T @ edge.lengths[moves] / spacing + far * at_nodes.T @ target
+    rows = SizeRows.of(field)
+    projection = Projection(matrix, ~space.held, matrix @ field.variables - right, rows.slopes)
+    motion, _ = projection.step(np.minimum(rows.values, options.at_once), 1.0)
+    return field.with_variables(field.variables + motion)

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: MIT
+"""Steps of boundaries that are fields: lower psi within sizes, volumes and constraints.
+
+Each step fits meshes to the parts, takes the exact derivative by their nodes back to the variables
+of the fields, and projects the steepest descent onto the linear constraints. A step that cannot be
+meshed or simulated, or that raises the merit, is taken back and halved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.sparse import block_diag, csc_matrix
+
+from ..arrays import Array
+from ..boundary_field import (
+    BoundaryField,
+    Projection,
+    Secants,
+    Step,
+    free_variables,
+    is_uneven,
+    mended,
+    metric,
+    redistanced,
+)
+from ..parallel import on_rank_0
+from .field_topology import with_better_topology
+from .field_trial import FieldProblem, FieldTrial, Gradients
+from .result import ranks_of
+from .signed_log import SignedLog
+from .trial_failed import TrialFailed, shaping
+
+
+@dataclass(eq=False)
+class FieldSteps:
+    """Steps from one trial to the next; an iterator that ends when no step is better.
+
+    Its `best` trial is the one that satisfies all constraints and has the lowest psi.
+    """
+
+    problem: FieldProblem
+    trial: FieldTrial
+    mode_tolerance: float | None = 2e-3
+    converged: bool = False  #: Whether no step was better
+    history: list[dict[str, float]] = field(default_factory=list)  #: One row a trial
+
+    def __post_init__(self) -> None:
+        options = self.problem.options
+        self._first = {name: body.modes for name, body in self.trial.problem.flexible.items()}
+        self._check_modes()
+        logarithm = SignedLog.around(self.trial.evaluation.psi)
+        self.problem = replace(self.problem, logarithm=logarithm)
+        self.trial = replace(self.trial, logarithm=logarithm)
+        self.best = self.trial
+        member = min(field_.space.member for field_ in self.trial.fields.values())
+        self._member, self._reach = member, options.first_reach * member
+        self._bound_weight, self._weight = options.bound_weight, None
+        self._secants = Secants()
+        self._note(0.0, 0)
+
+    def __iter__(self) -> Iterator[FieldTrial]:
+        return self
+
+    def __next__(self) -> FieldTrial:
+        """The trial after one step; collective."""
+        if self.converged:
+            raise StopIteration
+        options, before = self.problem.options, self.trial
+        gradients = self.problem.gradients(before)
+        projection = self._projection(before, gradients)
+        if len(self.history) % options.topology_every == 1:
+            costs = self._costs(projection, gradients)
+            self.trial = with_better_topology(self.problem, before, gradients.evaluation, costs)
+            if self.trial is not before:
+                before.release()
+                before, self._secants = self.trial, Secants()
+                gradients = self.problem.gradients(before)
+                projection = self._projection(before, gradients)
+        after, step, rejected = self._accepted(projection, gradients)
+        if after is None or step is None:
+            self.converged = True
+            raise StopIteration
+
+        better = self._merit(after) < self._merit(before)
+        longest = options.longest_reach * self._member
+        self._reach = min(self._reach * (options.longer if better else options.shorter), longest)
+        motion = np.concatenate(
+            [after.fields[n].variables - f.variables for n, f in before.fields.items()]
+        )
+        self._secants = self._secants.after(motion, gradients.psi, options.secants)
+        before.release()
+        self.trial = after
+        self._note(float(np.max(np.abs(step.motion))), rejected)
+        if len(self.history) % options.topology_every == 0:
+            self._check_modes()
+        if self._rank(self.trial) <= self._rank(self.best):
+            self.best = self.trial
+        return self.trial
+
+    def _projection(self, trial: FieldTrial, gradients: Gradients) -> Projection:
+        """The steps from a trial; variables at their bounds that would leave these stay."""
+        fields = trial.fields.values()
+        whole = csc_matrix(block_diag([metric(field_) for field_ in fields]))
+        free = np.concatenate([free_variables(field_) for field_ in fields])
+        upper = np.concatenate([f.variables >= f.space.upper - 1e-9 for f in fields])
+        share = self.problem.options.curvature_share
+        bends = self._secants.bends(whole, gradients.psi, share)
+        projection = Projection(whole, free, gradients.psi, gradients.slopes, bends)
+        leaving = upper & (projection.steepest > 0.0)
+        if np.any(leaving):
+            free &= ~leaving
+            projection = Projection(whole, free, gradients.psi, gradients.slopes, bends)
+        return projection
+
+    def _costs(self, projection: Projection, gradients: Gradients) -> Array:
+        """What all constraints cost, as shares of psi, (rows,)."""
+        values = np.minimum(gradients.values, self.problem.options.at_once)
+        return projection.within(values, self._reach, self._weight).multipliers
+
+    def _accepted(
+        self, projection: Projection, gradients: Gradients
+    ) -> tuple[FieldTrial | None, Step | None, int]:
+        """The first trial that is accepted, its step, and how many were taken back."""
+        options, before = self.problem.options, self.trial
+        values = np.minimum(gradients.values, options.at_once)
+        for rejected in range(100):
+            step = on_rank_0(
+                ranks_of(before.problem),
+                lambda: projection.within(values, self._reach, self._weight),
+            )
+            self._weight = step.weight
+            costs = step.multipliers[len(values) - gradients.bounds :]
+            self._bound_weight = max(self._bound_weight, 1.5 * float(np.sum(costs)))
+            try:
+                after = self.problem.trial(self._moved(before, step.motion))
+            except TrialFailed:
+                after = None
+            if after is not None and self._merit(after) <= self._merit(before) + options.noise:
+                return after, step, rejected
+            self._reach *= options.taken_back
+            if self._reach < options.shortest * self._member:
+                break
+        return None, None, 0
+
+    def _moved(self, trial: FieldTrial, motion: Array) -> dict[str, BoundaryField]:
+        """The fields after a motion, with minimum sizes and slopes near one."""
+        reach = self.problem.options.longest_reach * self._member
+        ends = np.cumsum([len(f.variables) for f in trial.fields.values()])[:-1]
+        moved = {}
+        with shaping():
+            parts = zip(trial.fields.items(), np.split(motion, ends), strict=True)
+            for name, (field_, own) in ((n, (f, own)) for (n, f), own in parts):
+                field_ = field_.with_variables(field_.variables + own)
+                field_ = redistanced(field_) if is_uneven(field_) else field_
+                moved[name] = mended(field_, reach)
+        return moved
+
+    def _check_modes(self) -> None:
+        problem, trial = self.problem.with_enough(self.trial, self.mode_tolerance, self._first)
+        if problem is not self.problem:
+            self._secants = Secants()
+        self.problem, self.trial = problem, trial
+
+    def _merit(self, trial: FieldTrial) -> float:
+        return trial.merit(self._bound_weight, self.problem.options.size_weight)
+
+    def _rank(self, trial: FieldTrial) -> tuple[bool, float]:
+        return not trial.feasible, self._merit(trial)
+
+    def _note(self, step: float, rejected: int) -> None:
+        trial = self.trial
+        areas = {n: trial.problem.flexible[n].domain.area for n in trial.fields}
+        full = sum(field_.space.body.area for field_ in trial.fields.values())
+        row = {"psi": trial.evaluation.psi, "volume": sum(areas.values()) / full}
+        row |= {"excess": trial.violation, "size_violation": trial.size_violation}
+        row |= {"step": step, "reach": self._reach, "rejected": float(rejected)}
+        self.history.append(row)

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: MIT
+"""Parts between the zero of a field, what stays solid and the rims of drawn holes."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import shapely
+from shared.problems import slider_crank
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.boundary_field import (
+    BoundaryField,
+    FieldSpace,
+    FittedNodes,
+    SizeRows,
+    mended,
+    redistanced,
+)
+from dolfinx_ffr.part import outline_violations
+
+MEMBER, RADIUS, CENTER = 4e-3, 5e-3, np.array([0.06, -0.01])
+
+
+@cache
+def plate() -> FieldSpace:
+    """A plate with a hole of 10 mm, solid at its left end."""
+    hole = shapely.Point(CENTER).buffer(RADIUS)
+    body = ffr.Domain.from_outline(
+        MPI.COMM_SELF,
+        shapely.box(0.0, -0.03, 0.16, 0.03).difference(hole),
+        interfaces={"left": lambda x: x[0] < 1e-9},
+        size=6e-3,
+        solid=lambda x: x[0] < 0.012,
+    )
+    return FieldSpace.of(body, MEMBER, MEMBER, rim=MEMBER)
+
+
+def with_voids(space: FieldSpace, *voids: shapely.Geometry) -> BoundaryField:
+    """The body of a space without some regions, as a field."""
+    material = space.body.outline
+    for void in voids:
+        material = material.difference(void)
+    edge = material.boundary.difference(space.body.outline.boundary.buffer(1e-6))
+    return space.of_material(material, edge)
+
+
+def plate_with_void() -> BoundaryField:
+    """A plate with a round void that reaches to the rim of the hole, and without a corner."""
+    corner = shapely.Polygon([(0.17, 0.0), (0.17, 0.04), (0.1, 0.04)])
+    return redistanced(with_voids(plate(), shapely.Point(0.09, 0.0).buffer(0.022), corner))
+
+
+def test_a_part_keeps_the_outline_its_holes_and_their_rims() -> None:
+    field = plate_with_void()
+    part = field.part
+    body = field.space.body
+    # chords of the drawn circle
+    assert part.polygon.difference(body.outline.buffer(2e-5)).is_empty
+    assert outline_violations(part, MEMBER, MEMBER) == []
+    assert part.holes == 2
+    mesh = field.mesh()
+    assert mesh.area == pytest.approx(part.area, rel=1e-3)
+    assert np.any(mesh.solid_cells)
+
+
+def test_what_follows_the_zero_of_a_field_is_exact_to_second_order() -> None:
+    """The area between curves by the variables, and the zero where the nodes of a mesh go."""
+    field = plate_with_void()
+    way = np.sin(150.0 * field.space.grid.nodes @ [1.0, 0.7])
+    way[field.variables >= field.space.upper - MEMBER] = 0.0
+    edge = field.edge
+    slope = float(edge.lengths @ (edge.rows @ way))
+    step = 1e-5
+    ends = [field.with_variables(field.variables + side * step * way) for side in (1.0, -1.0)]
+    difference = (ends[0].part.area - ends[1].part.area) / (2.0 * step)
+    assert difference == pytest.approx(slope, rel=2e-3)
+
+    mesh = field.mesh()
+    nodes = FittedNodes(field, mesh)
+    points = mesh.mesh.geometry.x[:, :2]
+    moved = np.column_stack([nodes.motion[i] @ way for i in (0, 1)])
+    follows = np.flatnonzero(np.any(moved, axis=1))
+    for size, bound in ((1e-4, 1e-5), (1e-5, 1e-7)):
+        after = field.with_variables(field.variables + size * way)
+        before = field.spline(points[follows])
+        error = after.spline((points + size * moved)[follows]) - before
+        assert np.max(np.abs(error)) < bound
+
+
+def test_the_gradient_of_psi_by_the_variables_is_that_of_meshes_that_follow() -> None:
+    """As nodes follow to first order, a smooth motion changes psi as by new meshes."""
+    problem = slider_crank(MPI.COMM_SELF, (40, 4), steps=100)
+    rod = problem.flexible["rod"]
+    space = FieldSpace.of(rod.domain, 5e-3, 5e-3)
+    holes = [shapely.Point(x, 0.0).buffer(0.009) for x in (0.1, 0.2, 0.3)]
+    field = redistanced(with_voids(space, *holes))
+
+    def evaluated(field: BoundaryField) -> tuple[ffr.Problem, ffr.problem.Evaluation, ffr.Domain]:
+        domain = field.part.domain(5e-3)
+        own = problem.with_bodies({"rod": rod.with_domain(domain)})
+        return own, own.value(np.ones(domain.n_cells)), domain
+
+    own, evaluation, domain = evaluated(field)
+    nodes = own.differentiate(evaluation, nodes=True, densities=False).nodes
+    assert nodes is not None
+    gradient = FittedNodes(field, domain).pullback(nodes["rod"])
+    # larger holes in the middle, smaller ones at the ends
+    way = np.cos(30.0 * (space.grid.nodes[:, 0] - 0.2))
+    way[field.variables >= space.upper - 5e-3] = 0.0
+    step = 2e-4
+    ends = [
+        evaluated(field.with_variables(field.variables + side * step * way))[1].psi
+        for side in (1.0, -1.0)
+    ]
+    assert (ends[0] - ends[1]) / (2.0 * step) == pytest.approx(float(gradient @ way), rel=0.02)
+
+
+def test_rows_of_sizes_are_the_changes_of_members_gaps_and_radii() -> None:
+    space = plate()
+    slots = [shapely.box(0.08, -0.02, 0.105, 0.02), shapely.box(0.1085, -0.02, 0.13, 0.02)]
+    field = with_voids(space, *(slot.buffer(-2e-3).buffer(2e-3) for slot in slots))
+    rows = SizeRows.of(field)
+    assert 0 < rows.members < len(rows.values)
+    worst = int(np.argmax(rows.values[: rows.members]))
+    thinnest = field.part.thinnest_member
+    assert thinnest is not None
+    assert rows.values[worst] == pytest.approx(1.0 - thinnest.value / (1.02 * MEMBER), abs=0.02)
+    way = np.cos(60.0 * space.grid.nodes @ [0.5, 1.0])
+    step = 1e-4
+    ends = [
+        SizeRows.of(field.with_variables(field.variables + side * step * way))
+        for side in (1.0, -1.0)
+    ]
+    place = rows.places[worst]
+
+    def value(other: SizeRows) -> float:
+        near = np.argmin(np.linalg.norm(other.places[: other.members] - place, axis=1))
+        return float(other.values[near])
+
+    slope = float((rows.slopes @ way)[worst])
+    assert (value(ends[0]) - value(ends[1])) / (2.0 * step) == pytest.approx(slope, rel=0.1)
+
+
+def test_sizes_are_mended_by_small_motions() -> None:
+    space = plate()
+    slots = [shapely.box(0.08, -0.02, 0.105, 0.02), shapely.box(0.1082, -0.02, 0.13, 0.02)]
+    field = with_voids(space, *(slot.buffer(-1.5e-3).buffer(1.5e-3) for slot in slots))
+    assert SizeRows.of(field).violation > 0.1
+    for _ in range(2):
+        field = mended(field, MEMBER)
+    assert SizeRows.of(field).violation < 2e-3
+    thinnest = field.part.thinnest_member
+    assert thinnest is not None and thinnest.value > 0.99 * MEMBER
+
+
+def test_material_that_falls_apart_is_no_part() -> None:
+    gap = shapely.box(0.1, -0.04, 0.11, 0.04)
+    field = with_voids(plate(), gap)
+    assert field.part.polygon.bounds[2] < 0.11  # the loose end is left out
+    with pytest.raises(ffr.fem.ShapeError, match="falls apart"):
+        _ = with_voids(plate(), shapely.box(0.02, -0.04, 0.03, 0.04)).part

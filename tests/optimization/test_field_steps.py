@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: MIT
+"""Steps of boundaries that are fields."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import shapely
+from shared.problems import slider_crank
+
+from dolfinx_ffr.boundary_field import FieldOptions, FieldSpace, mended, redistanced
+from dolfinx_ffr.design import Mirror
+from dolfinx_ffr.optimization.field_steps import FieldSteps
+from dolfinx_ffr.optimization.field_trial import FieldProblem
+
+MEMBER, MOST = 6e-3, 0.85
+
+
+def test_steps_lower_psi_within_sizes_and_the_volume_and_keep_the_mirror_line() -> None:
+    problem = slider_crank(MPI.COMM_SELF, (40, 4), steps=100)
+    domain = problem.flexible["rod"].domain
+    mirror = Mirror((0.2, 0.0), (0.0, 1.0))
+    space = FieldSpace.of(domain, MEMBER, MEMBER, mirrors=[mirror])
+    holes = shapely.union_all([shapely.Point(x, 0.0).buffer(0.009) for x in (0.1, 0.2, 0.3)])
+    field = space.of_material(domain.outline.difference(holes), holes.boundary)
+    own = FieldProblem(problem, {"rod": MOST}, {}, FieldOptions())
+    start = own.trial({"rod": mended(redistanced(field), MEMBER)})
+    assert start.violation > 0.05  # far too much material
+    steps = FieldSteps(own, start, mode_tolerance=None)
+    for _ in zip(range(3), steps, strict=False):
+        pass
+
+    best = steps.best
+    assert best.feasible and best.violations["volume of rod"] < 2e-3
+    feasible = [row["psi"] for row in steps.history if row["excess"] < 2e-3]
+    assert best.evaluation.psi <= min(feasible) * (1.0 + 1e-12)
+    assert len(steps.history) == 4
+    part = best.fields["rod"].part
+    thinnest = part.thinnest_member
+    assert thinnest is not None and thinnest.value > 0.99 * MEMBER
+    image = shapely.affinity.scale(part.polygon, yfact=-1.0, origin=(0.0, 0.0))
+    # the field is its own image to round-off, and curves are where they interpolate it
+    difference = image.symmetric_difference(part.polygon)
+    assert difference.area < 1e-3 * MEMBER * part.polygon.length
+
+
+def test_a_trial_that_falls_apart_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reach is halved until the part holds together."""
+    problem = slider_crank(MPI.COMM_SELF, (40, 4), steps=100)
+    domain = problem.flexible["rod"].domain
+    space = FieldSpace.of(domain, MEMBER, MEMBER)
+    gap = shapely.box(0.15, -0.03, 0.25, 0.007)
+    field = redistanced(space.of_material(domain.outline.difference(gap), gap.boundary))
+    own = FieldProblem(problem, {}, {}, FieldOptions())
+    steps = FieldSteps(own, own.trial({"rod": field}), mode_tolerance=None)
+    before = steps.trial.evaluation.psi
+    calls = []
+    tried = FieldProblem.trial
+
+    def failing(self, fields):  # type: ignore[no-untyped-def]
+        calls.append(len(calls))
+        if len(calls) == 1:
+            torn = field.with_variables(np.full(space.grid.size, -1.0))
+            return tried(self, {"rod": torn})
+        return tried(self, fields)
+
+    monkeypatch.setattr(FieldProblem, "trial", failing)
+    next(steps)
+    assert steps.history[-1]["rejected"] == 1.0 and len(calls) == 2
+    assert steps.trial.evaluation.psi < before
