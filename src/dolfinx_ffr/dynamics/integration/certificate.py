@@ -49,7 +49,9 @@ class Certificate:
     """Numbers of a trajectory, and how certain they are."""
 
     values: Array  #: The numbers, shape (numbers,).
-    error: float  #: Estimate of their largest relative error.
+    #: Their largest relative error at most, with a factor for trajectories that agree by chance.
+    error: float
+    estimate: float  #: The likely error, without that factor.
     #: Whether vibrations contribute to them that Radau IIA had lost with the first steps.
     rings: bool
     tried: tuple[tuple[Integrator, Array], ...]  #: The methods that were tried, and their numbers.
@@ -78,24 +80,34 @@ def certified(
     some steps, whose error need be known to a share `NEAR` only. Raises the SimulationError or
     MemoryError of the last method if neither finds a trajectory.
     """
+    equal: Certificate | None = None
     failure: SimulationError | MemoryError | None = None
-    found: list[Certificate] = []
-    for follow in (lambda: cells, lambda: graded_cells(run, cells)):
-        steps = follow()
-        if steps is None:
-            break
+    try:
+        equal = _certified(run, judge, cells, tolerance, damped=damped, near=near)
+    except (SimulationError, MemoryError) as error:
+        failure = error
+    if equal is not None and equal.error <= _enough(tolerance, equal.values, near):
+        return equal
+
+    cells_of_adaptive_run = graded_cells(run, cells)
+    if cells_of_adaptive_run is not None:
         try:
-            certificate = _certified(run, judge, steps, tolerance, damped=damped, near=near)
+            graded = _certified(
+                run, judge, cells_of_adaptive_run, tolerance, damped=damped, near=near
+            )
         except (SimulationError, MemoryError) as error:
             failure = failure or error
-            continue
-        if certificate.error <= _enough(tolerance, certificate.values, near):
-            return certificate
-        found.append(certificate)
-    if not found:
+        else:
+            if equal is None:
+                return graded
+            # long steps may lose vibrations that the equal ones have seen
+            agrees = relative_change(equal.values, graded.values) <= equal.error
+            if agrees and graded.error <= _enough(tolerance, graded.values, near):
+                return graded
+    if equal is None:
         assert failure is not None
         raise failure
-    return min(found, key=lambda certificate: certificate.error)
+    return equal
 
 
 def _enough(tolerance: float, values: Array, near: Array | None) -> float:
@@ -141,7 +153,7 @@ def _certified(
     radau: list[Array | None] = []
     kept: list[Array | None] = []
     failure: Exception | None = None
-    best: tuple[float, Array] | None = None
+    best: _Agreement | None = None
     work, each, end_time = 0, 1, float(cells.ends[-1])
     count = cells.ends.size - 1
     while work == 0 or work + (COST + EACH) * count * each <= MOST_WORK:
@@ -159,23 +171,23 @@ def _certified(
             found.append(numbers)
             tried.append((method, numbers))
         each *= 2
-        gap, values = _agreement(radau, kept, damped=damped)
-        if values is None:
+        agreement = _agreement(radau, kept, damped=damped)
+        if agreement is None:
             continue
-        if best is None or gap <= best[0]:
-            best = gap, values
-        if gap <= _enough(tolerance, values, near):
+        if best is None or agreement.gap <= best.gap:
+            best = agreement
+        if agreement.gap <= _enough(tolerance, agreement.values, near):
             break
     if best is None:
         best = _last_resort(radau, kept)
     if best is None:
         assert failure is not None
         raise failure
-    against = [best[1]]
-    if best[0] > tolerance:  # then the other method may know better
+    against = [best.values]
+    if best.gap > tolerance:  # then the other method may know better
         against += [values for values in kept[-1:] if values is not None]
     rings = any(_rings(radau, values, tolerance) for values in against)
-    return Certificate(best[1], best[0], rings, tuple(tried), cells)
+    return Certificate(best.values, best.gap, best.error, rings, tuple(tried), cells)
 
 
 def _ahead(now: Array, before: Array | None) -> Array:
@@ -192,23 +204,33 @@ def _rings(radau: list[Array | None], exact: Array, tolerance: float) -> bool:
     return relative_change(exact, fine) > 3.0 * apparent
 
 
+@dataclass(frozen=True)
+class _Agreement:
+    """Numbers of several trajectories that agree."""
+
+    values: Array  #: The numbers, shape (numbers,).
+    gap: float  #: Their largest relative difference, times what agreement by chance takes.
+    error: float  #: Estimate of their largest relative error.
+
+
 def _agreement(
     radau: list[Array | None], kept: list[Array | None], *, damped: bool
-) -> tuple[float, Array | None]:
-    """How well the last trajectories of both methods agree, and the numbers to trust."""
-    options: list[tuple[float, Array]] = []
+) -> _Agreement | None:
+    """The numbers to trust after the last trajectories of both methods; None of the first ones."""
+    options: list[_Agreement] = []
     damping, before = _last(radau, 2)
     keeping, previous = _last(kept, 2)
     if damping is not None and before is not None and keeping is not None:
         ends = keeping, _ahead(keeping, previous)
         gap = min(relative_change(damping, end) for end in ends)
-        options.append((max(gap, relative_change(damping, before) / 4.0), damping))
+        gap = max(gap, relative_change(damping, before) / 4.0)
+        options.append(_Agreement(damping, gap, gap))
     if not damped and len(kept) > 2:
         keeping, previous, first = _last(kept, 3)
         if keeping is not None and previous is not None and first is not None:
-            change = relative_change(keeping, previous), relative_change(keeping, first)
-            options.append((LUCK * max(change), keeping))
-    return min(options, key=lambda option: option[0]) if options else (np.inf, None)
+            change = max(relative_change(keeping, previous), relative_change(keeping, first))
+            options.append(_Agreement(keeping, LUCK * change, change))
+    return min(options, key=lambda option: option.gap, default=None)
 
 
 def _last(found: list[Array | None], count: int) -> list[Array | None]:
@@ -216,12 +238,13 @@ def _last(found: list[Array | None], count: int) -> list[Array | None]:
     return [*found[::-1], *[None] * count][:count]
 
 
-def _last_resort(radau: list[Array | None], kept: list[Array | None]) -> tuple[float, Array] | None:
+def _last_resort(radau: list[Array | None], kept: list[Array | None]) -> _Agreement | None:
     """Last change and numbers of one method alone, where the other finds no trajectory."""
     for found in (radau, kept):
         good = [values for values in found if values is not None]
         if len(good) > 1:
-            return relative_change(good[-1], good[-2]), good[-1]
+            change = relative_change(good[-1], good[-2])
+            return _Agreement(good[-1], change, change)
     return None
 
 

@@ -306,5 +306,5 @@ def _cheapest(
     good = [(method, error) for method, error in every if error <= AS_GOOD * least]
     method, error = min(good, key=lambda pair: _cost(pair[0]))
     # Far from the tolerance the larger part of the error tells more than the sum of both.
-    larger = max(error - exact.error, exact.error)
+    larger = max(error - exact.error, exact.estimate)
     return method, larger if larger > tolerance else error
