@@ -9,6 +9,13 @@ trusted, once three of its trajectories agree, as there only the other method da
 
 Where equal steps do not come to an agreement, as a motion is fast for a short time, both follow
 graded steps: those of an adaptive run, each divided by the same number.
+
+None of the mechanisms stands for another. The search of jumps (`load_steps`) finds a blow of a
+millisecond between the instants of all methods, which then agree that nothing happens. Radau IIA
+alone, also with adaptive steps, converges to the motion without the vibrations of a cantilever that
+feels its weight suddenly. The trapezoidal rule alone finds no force in the joint of a damped
+pendulum under a load that jumps: with 128,000 steps it is three times as large as it is. Adaptive
+steps alone find the grading of a motion that a damper stops within 1e-5 of its time.
 """
 
 from __future__ import annotations
