@@ -27,7 +27,17 @@ from dolfinx_ffr.files import replace_file
 #: In the order in which they run: each is a module of this folder with the functions NAME_jobs and
 #: report_NAME. A study without jobs of its own stands in the module whose jobs it reports on.
 STUDIES = ["growth", "accuracy", "modes", "mesh", "differences", "gradient", "boundary", "bound"]
-STUDIES += ["stress", "peers", "integration", "time_steps", "space", "published", "arrays", "ranks"]
+STUDIES += [
+    "known",
+    "stress",
+    "peers",
+    "integration",
+    "time_steps",
+    "space",
+    "published",
+    "arrays",
+    "ranks",
+]
 MEASURED_BY = {"differences": "growth"}
 #: It needs packages that are not part of the environment, and is left out where they are not there.
 PEERS = "peers"

@@ -52,10 +52,12 @@ PRICE = 1e3
 #: Of the quadratic term of the bound z: it changes the multipliers, whose sum is one, by as much as
 #: this times the change of z, which is that of a logarithm
 WEAK = 1e-2
-#: Share of the largest change of a variable from which on its change tells a second derivative
+#: Share of the largest change of a variable from which on its change tells a second derivative;
+#: less is near round-off. Of a hanging bar 0 and 1e-3 take 26 and 23 iterations, 0.1 takes 55.
 CHANGED = 1e-3
 #: Share of a second derivative that stays where the next is smaller: what the other variables do to
-#: a slope may hide it for a step
+#: a slope may hide it for a step. With 0 a hanging bar ends 6 % above its optimum and a spinning
+#: one takes 44 iterations in the place of 20; with 0.9 they take 37 and 27 instead of 23 and 20.
 MEMORY = 0.5
 
 
