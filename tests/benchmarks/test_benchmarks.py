@@ -35,7 +35,7 @@ MAY_BE_ZERO = set(
 #: Columns that hold words
 WORDS = {"mesh", "task", "design", "kernel", "kind", "cell", "scene", "method", "solver", "start"}
 #: Cosines and differences may have any sign
-SIGNED = {"cosine", "levelset_cosine", "difference", "excess", "error"}
+SIGNED = {"cosine", "levelset_cosine", "difference", "excess", "error", "above"}
 #: Columns that may hold nothing, where a part has no such place, or ranks no parts
 LEFT_OUT = {"thinnest", "gap", "on_4", "on_16", "on_64"}
 #: Tables and their numbers of rows
