@@ -217,7 +217,8 @@ class _Run:
         iteration, progress = point.iteration + 1, point.progress
         if not point.held:  # else sharpening may have broken a constraint
             progress = min(iteration / self.loop.stage_iterations, 1.0)
-        sharpens = self.changes(point.progress, progress)
+        # also where this step makes nothing sharper, as one for a constraint was taken back
+        sharpens = self.changes(point.progress, 1.0)
 
         functions, state = now.functions, replace(point.asymptotes, secants=None)
         margins = np.concatenate([np.zeros(functions.bounded), point.margins[functions.of]])
