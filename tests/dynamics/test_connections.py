@@ -29,7 +29,7 @@ from dolfinx_ffr.mechanism import AngleCoupling, AppliedForce, Joint
 #: What is tested are equations, of motions that no one would want.
 pytestmark = [
     pytest.mark.filterwarnings(f"ignore::dolfinx_ffr.{name}Warning")
-    for name in ("LargeDeformation", "Softening", "TiltedAxis", "TimeStep", "Placement")
+    for name in ("LargeDeformation", "Softening", "dynamics.TiltedAxis", "TimeStep", "Placement")
 ]
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from dolfinx_ffr.dynamics import Integrator, TrajectoryBar, adjoint, influence, 
 
 #: What is tested are derivatives, of motions that no one would want.
 pytestmark = [
-    pytest.mark.filterwarnings(f"ignore::dolfinx_ffr.{name}Warning")
+    pytest.mark.filterwarnings(f"ignore::dolfinx_ffr.dynamics.{name}Warning")
     for name in ("LargeDeformation", "Softening", "TiltedAxis", "TimeStep")
 ]
 

@@ -15,7 +15,7 @@ import dolfinx_ffr as ffr
 
 #: The motions in space are none that anyone would want.
 pytestmark = [
-    pytest.mark.filterwarnings(f"ignore::dolfinx_ffr.{name}Warning")
+    pytest.mark.filterwarnings(f"ignore::dolfinx_ffr.dynamics.{name}Warning")
     for name in ("LargeDeformation", "Softening", "TiltedAxis", "TimeStep")
 ]
 
