@@ -68,6 +68,23 @@ def test_a_part_keeps_the_outline_its_holes_and_their_rims() -> None:
     assert np.any(mesh.solid_cells)
 
 
+def test_all_of_a_body_with_round_ends_and_bores_is_its_part() -> None:
+    """Polygons of its arcs, which differ by their accuracy, leave no void."""
+    ends = shapely.MultiPoint([(0.0, 0.0), (0.1, 0.0)])
+    shape = shapely.box(0.0, -0.02, 0.1, 0.02).union(ends.buffer(0.02))
+    body = ffr.Domain.from_outline(
+        MPI.COMM_SELF,
+        shape.difference(ends.buffer(0.008)),
+        interfaces={"pin": lambda x: np.abs(np.hypot(x[0], x[1]) - 0.008) < 2e-4},
+        size=6e-3,
+    )
+    space = FieldSpace.of(body, 3e-3, 3e-3, rim=3e-3)
+    part = space.of_material(body.outline, shapely.LineString()).part
+    assert part.holes == 2
+    # splines do not follow an arc to round-off
+    assert part.area == pytest.approx(body.outline.area, rel=2e-3)
+
+
 def test_what_follows_the_zero_of_a_field_is_exact_to_second_order() -> None:
     """The area between curves by the variables, and the zero where the nodes of a mesh go."""
     field = plate_with_void()

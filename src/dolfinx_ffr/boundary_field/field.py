@@ -118,6 +118,11 @@ class FieldSpace:
         """Where the field decides [m]."""
         return self.body_drawing.designed
 
+    @property
+    def _accuracy(self) -> float:
+        """Distance of polygons that stand for the same curve, at most [m]."""
+        return 0.02 * self.grid.spacing
+
     @cached_property
     def all_rows(self) -> csr_matrix:
         """The shares of the variables on a raster of half a spacing over the grid."""
@@ -157,9 +162,8 @@ class FieldSpace:
 
     def of_part(self, part: Part) -> BoundaryField:
         """The field whose zero is the free boundary of a ``part``."""
-        accuracy = 2.0 * part.accuracy
         fixed = shapely.union_all([self.body.outline.boundary, self.solid.boundary])
-        free = part.polygon.boundary.difference(fixed.buffer(accuracy))
+        free = part.polygon.boundary.difference(fixed.buffer(self._accuracy))
         return self.of_material(part.polygon, free)
 
     def of_material(
@@ -167,21 +171,33 @@ class FieldSpace:
     ) -> BoundaryField:
         """The field of a ``material`` with an ``edge`` that moves, by default all of it."""
         edge = material.boundary if edge is None else edge
-        shapely.prepare(material)
         far = self.options.cut_off * self.grid.spacing
-        distance = np.full(len(self.raster), far)
+        distance = self._signed_distance(material, edge, self.raster, far)
+        field = self.fitted(np.minimum(distance, self.raster_rows @ self.upper))
+        # far from the edge the outline is the boundary, which a fit would only come near to
+        inner = self._signed_distance(material, edge, self.grid.nodes, far) >= far
+        return field.with_variables(np.where(inner, far, field.variables))
+
+    def _signed_distance(
+        self, material: shapely.Geometry, edge: shapely.Geometry, points: Array, far: float
+    ) -> Array:
+        """The distance of ``points`` from an edge, negative in void, ``far`` at most, (n,) [m]."""
+        distance = np.full(len(points), far)
         if not edge.is_empty:
             dense = shapely.segmentize(edge, 0.1 * self.grid.spacing)
-            distance, _ = cKDTree(shapely.get_coordinates(dense)).query(self.raster)
-        solid = shapely.contains_xy(material, *self.raster.T)
+            nearest, _ = cKDTree(shapely.get_coordinates(dense)).query(points)
+            distance = np.minimum(nearest, far)
+        shapely.prepare(material)
+        solid = shapely.contains_xy(material, *points.T)
         # beside the designed region a point is as the region is there, so that no zero is along it
-        beyond = np.flatnonzero(~shapely.contains_xy(self.designed, *self.raster.T))
+        beyond = np.flatnonzero(~shapely.contains_xy(self.designed, *points.T))
         void, filled = self.designed.difference(material), self.designed.intersection(material)
-        points = shapely.points(self.raster[beyond])
-        solid[beyond] = ~(shapely.distance(void, points) < shapely.distance(filled, points))
-        sign = np.where(solid, 1.0, -1.0)
-        outside = self.raster_rows @ self.upper
-        return self.fitted(np.minimum(sign * np.minimum(distance, far), outside))
+        # polygons of one curve differ by their accuracy, which is no void
+        void = void.buffer(-self._accuracy).buffer(self._accuracy)
+        places = shapely.points(points[beyond])
+        to_void = np.full(len(beyond), np.inf) if void.is_empty else shapely.distance(void, places)
+        solid[beyond] = ~(to_void < shapely.distance(filled, places))
+        return np.where(solid, distance, -distance)
 
 
 def _distance_to_outline(body: Domain, grid: SplineGrid) -> Array:
