@@ -45,7 +45,7 @@ class LoadCaseEvaluation(Gradients):
 
 
 @dataclass(frozen=True, repr=False)
-class Evaluation(Gradients, Shown):
+class Evaluation(Shown, Gradients):
     """A value of the objective, its gradient, and what else was computed at one design.
 
     Attributes:
