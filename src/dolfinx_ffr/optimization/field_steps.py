@@ -28,7 +28,7 @@ from ..boundary_field import (
 )
 from ..parallel import on_rank_0
 from .field_topology import with_better_topology
-from .field_trial import FieldProblem, FieldTrial, Gradients
+from .field_trial import FieldGradients, FieldProblem, FieldTrial
 from .result import ranks_of
 from .signed_log import SignedLog
 from .trial_failed import TrialFailed, shaping
@@ -100,7 +100,7 @@ class FieldSteps:
             self.best = self.trial
         return self.trial
 
-    def _projection(self, trial: FieldTrial, gradients: Gradients) -> Projection:
+    def _projection(self, trial: FieldTrial, gradients: FieldGradients) -> Projection:
         """The steps from a trial; variables at their bounds that would leave these stay."""
         fields = trial.fields.values()
         whole = csc_matrix(block_diag([metric(field_) for field_ in fields]))
@@ -115,13 +115,13 @@ class FieldSteps:
             projection = Projection(whole, free, gradients.psi, gradients.slopes, bends)
         return projection
 
-    def _costs(self, projection: Projection, gradients: Gradients) -> Array:
+    def _costs(self, projection: Projection, gradients: FieldGradients) -> Array:
         """What all constraints cost, as shares of psi, (rows,)."""
         values = np.minimum(gradients.values, self.problem.options.at_once)
         return projection.within(values, self._reach, self._weight).multipliers
 
     def _accepted(
-        self, projection: Projection, gradients: Gradients
+        self, projection: Projection, gradients: FieldGradients
     ) -> tuple[FieldTrial | None, Step | None, int]:
         """The first trial that is accepted, its step, and how many were taken back."""
         options, before = self.problem.options, self.trial

@@ -64,7 +64,7 @@ class FieldTrial:
 
 
 @dataclass(frozen=True, eq=False)
-class Gradients:
+class FieldGradients:
     """Derivatives of psi and of all constraints by the variables of all fields."""
 
     psi: Array  #: Of the logarithm, (n,) [1/m]
@@ -118,7 +118,7 @@ class FieldProblem:
             violations[f"volume of {name}"] = area / fields[name].space.body.area / most - 1.0
         return FieldTrial(dict(fields), problem, evaluation, logarithm, violations)
 
-    def gradients(self, trial: FieldTrial) -> Gradients:
+    def gradients(self, trial: FieldTrial) -> FieldGradients:
         """All derivatives at a trial; collective."""
         bodies, evaluation = trial.problem.flexible, trial.evaluation
         evaluation = trial.problem.differentiate(evaluation, nodes=True, densities=False)
@@ -138,7 +138,7 @@ class FieldProblem:
         bounds += [self._volume_slope(trial, name, most) for name, most in self.volume.items()]
         sizes = csr_matrix(block_diag([rows.slopes for rows in trial.rows.values()]))
         values = [rows.values for rows in trial.rows.values()]
-        return Gradients(
+        return FieldGradients(
             trial.logarithm.slope(evaluation.psi) * by_variables(evaluation.nodes),
             np.concatenate([*values, list(trial.violations.values())]),
             csr_matrix(vstack([sizes, *(csr_matrix(row) for row in bounds)])),
