@@ -154,6 +154,8 @@ def test_places_fill_the_body(comm: MPI.Intracomm) -> None:
     response = problem.response(problem.value(x))
     places = whole.places(response)
     assert len(places) == stress.PLACES
+    one = slider_crank(comm, places[2])
+    check_gradient(one, {"rod": x}, {"rod": direction}, step=2e-3, rel=1e-5)
     values = [place.evaluate(response) for place in places]
     assert max(values) == pytest.approx(whole.largest(response), rel=1e-12)
 

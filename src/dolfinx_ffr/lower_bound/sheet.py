@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from tqdm.auto import tqdm
 
 from ..arrays import Array
 from ..fem import Domain
@@ -23,6 +24,8 @@ from .quasi_static import BodyHistory, Driven, QuasiStatic, StaticBody, Support
 
 #: Least density of a designed cell while a sheet is sought, so that nothing of it falls apart
 LEAST = 1e-3
+#: Time after which the progress of a search is shown [s]
+_QUIET = 3.0
 #: Bisections for a multiplier, which halve the logarithm of its range
 _BISECTIONS = 60
 #: Shortest step, as a share of the full one: below it round-off decides
@@ -47,12 +50,22 @@ def best_sheet(
     )
     weights = _weights(combine, state.psi, {name: combine.weight(name) for name in cases})
     highest, best = -np.inf, None
-    for _ in range(iterations):
+    rank = next(iter(domains.values())).comm.rank
+    bar = tqdm(
+        range(iterations),
+        "lower bound",
+        unit="step",
+        leave=False,
+        delay=_QUIET,
+        disable=rank > 0,
+    )
+    for _ in bar:
         support = state.support(weights)
         value = least_over_cells(support, bodies, volume)
         if value > highest:
             highest, best = value, support
         psi = combine.value(state.psi)
+        bar.set_postfix_str(f"apart {100.0 * (1.0 - highest / psi):.2g} %", refresh=False)
         if psi - highest <= tolerance * psi:
             break
         target = {
@@ -63,6 +76,7 @@ def best_sheet(
         if not moved and not combine.bounds:
             break
         weights = _weights(combine, state.psi, weights)
+    bar.close()
     assert best is not None
     return state, best
 
