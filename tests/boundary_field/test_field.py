@@ -68,6 +68,19 @@ def test_a_part_keeps_the_outline_its_holes_and_their_rims() -> None:
     assert np.any(mesh.solid_cells)
 
 
+@pytest.mark.parametrize("angle", [0.0, 90.0, 180.0, 270.0])
+def test_a_void_may_meet_the_rim_of_a_hole_from_any_side(angle: float) -> None:
+    """The material goes around the rim past the point where its circle begins."""
+    way = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+    void = shapely.Point(CENTER + 0.018 * way).buffer(0.011)
+    rim = shapely.Point(CENTER).buffer(RADIUS + MEMBER)
+    part = with_voids(plate(), void).part
+    wanted = plate().body.outline.difference(void.difference(rim))
+    # a field does not follow the two corners at the rim
+    corners = 2.0 * plate().grid.spacing ** 2
+    assert part.polygon.symmetric_difference(wanted).area < corners
+
+
 def test_all_of_a_body_with_round_ends_and_bores_is_its_part() -> None:
     """Polygons of its arcs, which differ by their accuracy, leave no void."""
     ends = shapely.MultiPoint([(0.0, 0.0), (0.1, 0.0)])

@@ -311,9 +311,13 @@ class FieldDrawing:
             along = [nodes[own[0]][0], *(nodes[k][1] for k in own)]
             if start == end and along[0] == along[-1]:  # all of a closed curve
                 return [(k, forward) for k in (own if forward else own[::-1])]
-            if forward:
-                return [(k, True) for k in own[along.index(start) : _last(along, end)]]
-            return [(k, False) for k in own[along.index(end) : _last(along, start)][::-1]]
+            begin, stop = (start, end) if forward else (end, start)
+            first_piece, last_piece = along.index(begin), _last(along, stop)
+            if first_piece < last_piece:
+                walk = own[first_piece:last_piece]
+            else:  # past the place where a closed curve begins
+                walk = own[first_piece:] + own[:last_piece]
+            return [(k, forward) for k in (walk if forward else walk[::-1])]
 
         drawn = [
             Face("design", [[each for side in loop for each in walked(side)] for loop in loops])
