@@ -24,7 +24,7 @@ def test_steps_lower_psi_within_sizes_and_the_volume_and_keep_the_mirror_line() 
     mirror = Mirror((0.2, 0.0), (0.0, 1.0))
     space = FieldSpace.of(domain, MEMBER, MEMBER, mirrors=[mirror])
     holes = shapely.union_all([shapely.Point(x, 0.0).buffer(0.009) for x in (0.1, 0.2, 0.3)])
-    field = space.of_material(domain.outline.difference(holes), holes.boundary)
+    field = space.of_material(domain.outline.difference(holes))
     own = FieldProblem(problem, {"rod": MOST}, {}, FieldOptions())
     start = own.trial({"rod": mended(redistanced(field), MEMBER)})
     assert start.violation > 0.05  # far too much material
@@ -52,7 +52,7 @@ def test_a_trial_that_falls_apart_is_taken_back(monkeypatch: pytest.MonkeyPatch)
     domain = problem.flexible["rod"].domain
     space = FieldSpace.of(domain, MEMBER, MEMBER)
     gap = shapely.box(0.15, -0.03, 0.25, 0.007)
-    field = redistanced(space.of_material(domain.outline.difference(gap), gap.boundary))
+    field = redistanced(space.of_material(domain.outline.difference(gap)))
     own = FieldProblem(problem, {}, {}, FieldOptions())
     steps = FieldSteps(own, own.trial({"rod": field}), mode_tolerance=None)
     before = steps.trial.evaluation.psi

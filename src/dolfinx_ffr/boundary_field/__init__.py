@@ -22,3 +22,4 @@ from .smoothing import mended as mended
 from .smoothing import metric as metric
 from .smoothing import redistanced as redistanced
 from .spline_grid import SplineGrid as SplineGrid
+from .start import first_field as first_field

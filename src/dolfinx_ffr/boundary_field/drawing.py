@@ -235,7 +235,9 @@ class FieldDrawing:
         sides = []
         for run, start, end in zip(loop, nodes, [*nodes[1:], nodes[0]], strict=True):
             if run.number >= 0:
-                sides.append(_Side(run.number, start[0], end[0], self._is_forward(run)))
+                # a run whose ends are one node is a speck, or goes around a closed curve
+                if start[0] != end[0] or len(run.points) > _FEWEST:
+                    sides.append(_Side(run.number, start[0], end[0], self._is_forward(run)))
             elif start[0] != end[0] or len(run.points) > _FEWEST:
                 curve = self._through(run.points, start[1], end[1])
                 sides.append(self._new_curve(curve, start[0], end[0]))
@@ -315,8 +317,10 @@ class FieldDrawing:
             first_piece, last_piece = along.index(begin), _last(along, stop)
             if first_piece < last_piece:
                 walk = own[first_piece:last_piece]
-            else:  # past the place where a closed curve begins
+            elif along[0] == along[-1]:  # past the place where a closed curve begins
                 walk = own[first_piece:] + own[:last_piece]
+            else:
+                walk = []
             return [(k, forward) for k in (walk if forward else walk[::-1])]
 
         drawn = [

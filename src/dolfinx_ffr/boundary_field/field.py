@@ -29,6 +29,8 @@ SYMMETRIC: dict[str, Any] = {
     "diag_pivot_thresh": 0.0,
     "options": {"SymmetricMode": True},
 }
+#: Weight of second differences beside values, where values tell a field: there it hardly counts
+SMOOTH = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +91,24 @@ class FieldSpace:
     @cached_property
     def solid(self) -> shapely.Geometry:
         """What of the body stays solid, rims around the holes of its drawing among it [m]."""
-        regions = shapely.union_all(solid_regions(self.full))
-        if not (self.rims.width and self.drawn_holes):
-            return regions
-        around = shapely.union_all(self.drawn_holes).buffer(self.rims.width, quad_segs=96)
-        return regions.union(around.intersection(self.body.outline))
+        return shapely.union_all([self._regions, *self._rims_of_holes.values()])
+
+    @cached_property
+    def _regions(self) -> shapely.Geometry:
+        """What of the body stays solid without its rims [m]."""
+        return shapely.union_all(solid_regions(self.full))
+
+    @cached_property
+    def _rims_of_holes(self) -> dict[int, shapely.Geometry]:
+        """The rims by the number of the hole, where nothing else stays solid as widely [m]."""
+        if not self.rims.width:
+            return {}
+        stays = self._regions.buffer(1e-2 * self.rims.width)
+        around = {
+            number: hole.buffer(self.rims.width, quad_segs=96).intersection(self.body.outline)
+            for number, hole in enumerate(self.drawn_holes)
+        }
+        return {number: rim for number, rim in around.items() if not stays.covers(rim)}
 
     @property
     def drawn_holes(self) -> list[shapely.Polygon]:
@@ -104,8 +119,9 @@ class FieldSpace:
     def body_drawing(self) -> BodyDrawing:
         """The drawing of the full body, divided where its rims end."""
         drawing, step = self.full.drawing, 0.5 * self.grid.spacing
-        if self.rims.width and self.drawn_holes:
-            holes = shapely.union_all([shape.boundary for shape in self.drawn_holes])
+        if self._rims_of_holes:
+            rimmed = [self.drawn_holes[number].boundary for number in self._rims_of_holes]
+            holes = shapely.union_all(rimmed)
             fine = 1e-3 * self.rims.width
             points = [curve.points(fine) for curve in drawing.curves]
             near = holes.buffer(10.0 * fine)
@@ -136,10 +152,22 @@ class FieldSpace:
 
     @cached_property
     def near(self) -> Mask:
-        """Which points of the raster are in the designed region or beside it."""
-        region = self.designed.buffer(self.grid.spacing)
+        """Which points of the raster tell a field: the designed region, and beside its outline."""
+        return self._tells(self._raster)
+
+    @cached_property
+    def near_nodes(self) -> Mask:
+        """Which nodes of the grid tell a field."""
+        return self._tells(self.grid.nodes)
+
+    def _tells(self, points: Array) -> Mask:
+        """Not what stays and holes: there a field goes on smoothly, and no zero is along it."""
+        inner = shapely.union_all(
+            [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(self.body.outline)]
+        )
+        region = self.designed.buffer(self.grid.spacing).difference(inner).union(self.designed)
         shapely.prepare(region)
-        return np.asarray(shapely.contains_xy(region, *self._raster.T))
+        return np.asarray(shapely.contains_xy(region, *points.T))
 
     @property
     def raster(self) -> Array:
@@ -152,25 +180,17 @@ class FieldSpace:
         return self.all_rows[self.near]
 
     def fitted(self, values: Array) -> BoundaryField:
-        """The field nearest to ``values`` (n,) at the points of the raster, by least squares."""
-        mass, stiffness = self.grid.integrals
+        """The smooth field nearest to ``values`` (n,) at the points of the raster."""
         matrix = self.raster_rows.T @ self.raster_rows
-        smoothing = 1e-3 * (mass + stiffness) / self.grid.spacing
+        smoothing = SMOOTH * self.grid.bending
         factor = splu(csc_matrix(matrix + smoothing + 1e-9 * eye(self.grid.size)), **SYMMETRIC)
         variables = factor.solve(self.raster_rows.T @ values)
         return BoundaryField(self, self.bounded(variables))
 
-    def of_part(self, part: Part) -> BoundaryField:
-        """The field whose zero is the free boundary of a ``part``."""
+    def of_material(self, material: shapely.Geometry) -> BoundaryField:
+        """The field of a ``material``, whose boundary moves where it is not that of what stays."""
         fixed = shapely.union_all([self.body.outline.boundary, self.solid.boundary])
-        free = part.polygon.boundary.difference(fixed.buffer(self._accuracy))
-        return self.of_material(part.polygon, free)
-
-    def of_material(
-        self, material: shapely.Geometry, edge: shapely.Geometry | None = None
-    ) -> BoundaryField:
-        """The field of a ``material`` with an ``edge`` that moves, by default all of it."""
-        edge = material.boundary if edge is None else edge
+        edge = material.boundary.difference(fixed.buffer(self._accuracy))
         far = self.options.cut_off * self.grid.spacing
         distance = self._signed_distance(material, edge, self.raster, far)
         field = self.fitted(np.minimum(distance, self.raster_rows @ self.upper))
@@ -187,13 +207,18 @@ class FieldSpace:
             dense = shapely.segmentize(edge, 0.1 * self.grid.spacing)
             nearest, _ = cKDTree(shapely.get_coordinates(dense)).query(points)
             distance = np.minimum(nearest, far)
-        shapely.prepare(material)
-        solid = shapely.contains_xy(material, *points.T)
+        # polygons of one curve differ by their accuracy, which is neither void nor material
+        void, filled = (
+            region.buffer(-self._accuracy).buffer(self._accuracy)
+            for region in (
+                self.designed.difference(material),
+                self.designed.intersection(material),
+            )
+        )
+        shapely.prepare([void, filled])
+        solid = shapely.contains_xy(filled, *points.T)
         # beside the designed region a point is as the region is there, so that no zero is along it
-        beyond = np.flatnonzero(~shapely.contains_xy(self.designed, *points.T))
-        void, filled = self.designed.difference(material), self.designed.intersection(material)
-        # polygons of one curve differ by their accuracy, which is no void
-        void = void.buffer(-self._accuracy).buffer(self._accuracy)
+        beyond = np.flatnonzero(~solid & ~shapely.contains_xy(void, *points.T))
         places = shapely.points(points[beyond])
         to_void = np.full(len(beyond), np.inf) if void.is_empty else shapely.distance(void, places)
         solid[beyond] = ~(to_void < shapely.distance(filled, places))
@@ -292,8 +317,8 @@ class BoundaryField:
         """Points on all of its boundary, a sample apart."""
         step = self.space.options.sample * self.space.member
         rings = [polygon(loop, self.part.accuracy) for ls in self.part.outlines for loop in ls]
-        spread = [_spread(ring, step) for ring in rings]
-        points, normals, lengths = (np.concatenate(x) for x in zip(*spread, strict=True))
+        samples = [spread(ring, step) for ring in rings]
+        points, normals, lengths = (np.concatenate(x) for x in zip(*samples, strict=True))
         return self._edge(points, normals, lengths)
 
     def _edge(self, points: Array, normals: Array, lengths: Array) -> Edge:
@@ -320,7 +345,7 @@ class BoundaryField:
         return np.asarray(solid | (margin > -near))
 
 
-def _spread(ring: Array, step: float) -> tuple[Array, Array, Array]:
+def spread(ring: Array, step: float) -> tuple[Array, Array, Array]:
     """Points about a ``step`` apart on a ring around material on its left, normals and lengths."""
     side = np.roll(ring, -1, axis=0) - ring
     length = np.linalg.norm(side, axis=1)

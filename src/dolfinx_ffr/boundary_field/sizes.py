@@ -6,11 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from scipy.sparse import csr_matrix, diags, vstack
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Integers
+from ..arrays import Array, Integers, Mask
 from .field import BoundaryField
+from .options import FieldOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,35 +52,62 @@ def _none(field: BoundaryField) -> tuple[Array, csr_matrix, Array]:
 def _widths(field: BoundaryField, side: float, least: float) -> tuple[Array, csr_matrix, Array]:
     """The narrowest places through the material (``side`` -1) or through the void (1)."""
     options, edge = field.space.options, field.edge
-    pairs = cKDTree(edge.points).query_pairs(options.seen * least, output_type="ndarray")
-    normals, points = edge.normals, edge.points
-    facing = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
-    pairs = pairs[(facing < options.facing) & np.any(edge.moves[pairs], axis=1)]
-    first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
-    way = points[second] - points[first]
-    distance = np.linalg.norm(way, axis=1)
-    straight = side * np.einsum("ij,ij->i", way, normals[first]) > options.across * distance
-    first, second, distance = (x[straight] for x in (first, second, distance))
+    points, normals = edge.points, edge.normals
+    first, second, width = opposite(points, normals, side, options.seen * least, options)
+    moves = edge.moves[first] | edge.moves[second]
+    if side < 0.0:
+        moves &= ~_within_solid(field, points[first], points[second])
+    first, second, width = first[moves], second[moves], width[moves]
     if not len(first):
         return _none(field)
 
-    # of each point the nearest opposite one, and the width across both sides, as points on them
-    # are not opposite to the last bit
-    order = np.argsort(distance, kind="stable")
-    order = order[np.unique(first[order], return_index=True)[1]]
-    first, second = first[order], second[order]
-    across = normals[first] - normals[second]
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    width = np.abs(np.einsum("ij,ij->i", points[second] - points[first], across))
-
     middle = 0.5 * (points[first] + points[second])
     chosen = _one_of_each_place(field, middle, width)
-    first, second, across, width = (x[chosen] for x in (first, second, across, width))
+    first, second, width = first[chosen], second[chosen], width[chosen]
+    across = _across(normals[first], normals[second])
     cosines = [np.abs(np.einsum("ij,ij->i", across, normals[k])) for k in (first, second)]
     motion = [diags(c) @ edge.rows[k] for c, k in zip(cosines, (first, second), strict=True)]
     # outward motion of the boundary widens members and narrows gaps
     slopes = (side / least) * (motion[0] + motion[1])
     return 1.0 - width / least, csr_matrix(slopes), middle[chosen]
+
+
+def opposite(
+    points: Array, normals: Array, side: float, reach: float, options: FieldOptions
+) -> tuple[Integers, Integers, Array]:
+    """The nearest opposite point of each point of a boundary, and the width between both.
+
+    Through the material (``side`` -1) or the void (1), for points that have one within a ``reach``.
+    """
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    facing = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
+    pairs = pairs[facing < options.facing]
+    first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
+    way = points[second] - points[first]
+    distance = np.linalg.norm(way, axis=1)
+    straight = side * np.einsum("ij,ij->i", way, normals[first]) > options.across * distance
+    first, second, distance = (x[straight] for x in (first, second, distance))
+    order = np.argsort(distance, kind="stable")
+    order = order[np.unique(first[order], return_index=True)[1]]
+    first, second = first[order], second[order]
+    # across both sides, as points on them are not opposite to the last bit
+    across = _across(normals[first], normals[second])
+    width = np.abs(np.einsum("ij,ij->i", points[second] - points[first], across))
+    return first, second, width
+
+
+def _across(first: Array, second: Array) -> Array:
+    """The unit direction between opposite normals, (n, 2)."""
+    across = first - second
+    return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
+
+
+def _within_solid(field: BoundaryField, first: Array, second: Array) -> Mask:
+    """Whether what stays solid gives the minimum width between points already."""
+    space = field.space
+    lines = shapely.linestrings(np.stack([first, second], axis=1))
+    inside = shapely.length(shapely.intersection(lines, space.solid))
+    return np.asarray(inside > (1.0 - 1e-2) * space.member)
 
 
 def _radii(field: BoundaryField, least: float) -> tuple[Array, csr_matrix, Array]:

@@ -8,7 +8,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from ..arrays import Integers, Mask
-from .field import BoundaryField
+from .field import SMOOTH, BoundaryField
 from .projection import Projection
 from .sizes import SizeRows
 
@@ -83,13 +83,14 @@ def redistanced(field: BoundaryField) -> BoundaryField:
     values = grid.rows(points)
     by_x, by_y = grid.slope_rows(points)
     outward = diags(normals[:, 0]) @ by_x + diags(normals[:, 1]) @ by_y
-    distance = np.minimum(cKDTree(points).query(grid.nodes)[0], options.cut_off * spacing)
-    target = np.sign(field.spline(grid.nodes)) * distance
-    at_nodes = grid.rows(grid.nodes)
+    nodes = grid.nodes[space.near_nodes]
+    distance = np.minimum(cKDTree(points).query(nodes)[0], options.cut_off * spacing)
+    target = np.sign(field.spline(nodes)) * distance
+    at_nodes = grid.rows(nodes)
     far = options.far_weight / spacing**2
     zero = options.zero_weight / spacing**2
     matrix = zero * values.T @ weights @ values + outward.T @ weights @ outward
-    matrix = csc_matrix(matrix + far * at_nodes.T @ at_nodes)
+    matrix = csc_matrix(matrix + far * (at_nodes.T @ at_nodes + SMOOTH * grid.bending))
     right = -outward.T @ edge.lengths[moves] / spacing + far * at_nodes.T @ target
     rows = SizeRows.of(field)
     projection = Projection(matrix, ~space.held, matrix @ field.variables - right, rows.slopes)

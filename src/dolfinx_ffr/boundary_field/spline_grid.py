@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, identity, kron
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers
@@ -125,6 +125,22 @@ class SplineGrid:
         mass = (weight / self.spacing) * (value.T @ value)
         stiffness = sum(slope.T @ slope for slope in self.slope_rows(points))
         return csc_matrix(mass), csc_matrix(weight * self.spacing * stiffness)
+
+    @cached_property
+    def bending(self) -> csc_matrix:
+        """Matrix of the squared second differences of coefficients: zero for linear fields."""
+        total = csr_matrix((self.size, self.size))
+        pairs = [(i, j) for i in range(self.dimension) for j in range(self.dimension)]
+        for i, j in pairs:
+            whole = csr_matrix([[1.0]])
+            for k, count in enumerate(2 * self.half + 1):
+                along = identity(count, format="csr")
+                for _ in range((i == k) + (j == k)):
+                    along = along[1:] - along[:-1]
+                whole = kron(whole, along, format="csr")
+            whole = whole @ self.masters
+            total = total + whole.T @ whole
+        return csc_matrix(total)
 
     def _places(self, points: Array) -> tuple[Array, Integers]:
         """Where points are in the middle span of their splines, and the variables of these."""

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: MIT
+"""The first field of a part that a level set or densities have drawn.
+
+What is thinner than the minimum member is widened before the fit, as splines would lose it, and
+slits, fingers and corners that splines cannot show are left out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from ..arrays import Array
+from ..part import Part
+from .field import BoundaryField, FieldSpace, spread
+from .sizes import opposite
+from .smoothing import mended, redistanced
+
+#: Rounds in which the sizes of the first field are mended
+_ROUNDS = 3
+
+
+def first_field(space: FieldSpace, part: Part) -> BoundaryField:
+    """The field whose zero is the free boundary of a ``part``, as near as minimum sizes allow."""
+    field = redistanced(space.of_material(_with_sizes(space, part.polygon)))
+    for _ in range(_ROUNDS):
+        field = mended(field, space.options.longest_reach * space.member)
+    return field
+
+
+def _with_sizes(space: FieldSpace, material: shapely.Geometry) -> shapely.Geometry:
+    """A ``material`` with minimum sizes nearly everywhere, in one piece where it was in one."""
+    body, share = space.body.outline, 0.5 * space.options.opened
+    whole = shapely.union_all([material, space.solid, _widening(space, material)])
+    closed = whole.buffer(share * space.gap).buffer(-share * space.gap).intersection(body)
+    opened = closed.buffer(-share * space.member).buffer(share * space.member)
+    return shapely.union(opened, space.solid).intersection(body)
+
+
+def _widening(space: FieldSpace, material: shapely.Geometry) -> shapely.Geometry:
+    """Discs of the minimum member along the middle of what is thinner, within the body."""
+    least = space.options.spare * space.member
+    points, normals = _boundary(material, space.options.sample * space.member)
+    first, second, width = opposite(points, normals, -1.0, least, space.options)
+    middles = 0.5 * (points[first] + points[second])
+    middles = middles[(width < least) & ~shapely.contains_xy(space.solid, *middles.T)]
+    if not len(middles):
+        return shapely.MultiPolygon()
+    room = space.body.outline.buffer(-0.5 * least)
+    if not room.is_empty:
+        # along the outline a member becomes wider to the inside
+        lines = shapely.shortest_line(shapely.points(middles), room)
+        inside = shapely.get_coordinates(lines)[1::2]
+        near = np.linalg.norm(inside - middles, axis=1) < 0.5 * least
+        middles = np.where(near[:, None], inside, middles)
+    discs = shapely.buffer(shapely.points(middles), 0.5 * least)
+    return shapely.union_all(discs)
+
+
+def _boundary(shape: shapely.Geometry, step: float) -> tuple[Array, Array]:
+    """Points about a ``step`` apart on the boundary of a shape, and its outward normals there."""
+    rings = [
+        shapely.get_coordinates(ring)[:-1]
+        for piece in shapely.get_parts(shape)
+        for oriented in [shapely.geometry.polygon.orient(piece)]
+        for ring in (oriented.exterior, *oriented.interiors)
+    ]
+    points, normals, _ = zip(*(spread(ring, step) for ring in rings), strict=True)
+    return np.concatenate(points), np.concatenate(normals)
