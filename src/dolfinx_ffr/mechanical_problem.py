@@ -255,7 +255,8 @@ class MechanicalProblem:
     def response(self, bodies: Bodies | Response) -> Response:
         """The arguments of the objectives before a simulation, the mechanism's bodies included."""
         response = bodies if isinstance(bodies, Response) else Response(None, dict(bodies))
-        return replace(response, bodies={**response.bodies, **self.mechanism.own_bodies})
+        every_body = {**response.bodies, **self.mechanism.own_bodies}
+        return replace(response, bodies=every_body, point_masses=self.mechanism.point_masses)
 
     def trajectory(self, bodies: Bodies) -> Trajectory | None:
         """The trajectory of ``bodies``, by name; None if nothing depends on it.
@@ -329,7 +330,9 @@ class MechanicalProblem:
             def value(other: FlatModel) -> float:
                 simulated = None if run is None else replace(run, model=other)
                 bodies = {name: other.bodies[name] for name in response.bodies}
-                return value_of(objective, replace(response, simulated=simulated, bodies=bodies))
+                masses = other.mechanism.point_masses
+                changed = replace(response, simulated=simulated, bodies=bodies, point_masses=masses)
+                return value_of(objective, changed)
 
             return value
 

@@ -339,7 +339,8 @@ class Scene:
         rod = {"body": "rod"}
         yield row(ffr.Mass, "", rod, body=TEXT)
         yield row(ffr.Volume, "", rod, body=TEXT)
-        yield row(ffr.Frequency, "number cluster free", rod, body=TEXT)
+        more = {"pinned": ("left", [1], 1.0), "point_masses": FLAG}
+        yield row(ffr.Frequency, "number cluster free", rod, body=TEXT, **more)
         power = (*NUMBER, 1.0)
         joints = [value for value in TEXT if value != ("rod",)]  # several are a tuple of names
         yield row(ffr.JointForce, "moment window", {"joint": "pin"}, joint=joints, power=power)

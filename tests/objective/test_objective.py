@@ -6,11 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
+import scipy.optimize
 from shared.beams import beam
 from shared.derivatives import along, check_slope, difference, dot, moved, random_direction
 from shared.scenes import Bodies, four_bar, robot
@@ -63,6 +65,11 @@ OBJECTIVES: dict[str, tuple[str, ffr.Objective]] = {
     "cluster of frequencies": ("four-bar", ffr.Frequency("coupler", cluster=2)),
     "free frequency": ("four-bar", ffr.Frequency("coupler", number=2, free=True)),
     "cluster of free frequencies": ("robot", ffr.Frequency("arm", cluster=3, free=True)),
+    "frequency with what hangs on the body": ("robot", ffr.Frequency("arm", point_masses=True)),
+    "free one with what hangs on it": (
+        "robot",
+        ffr.Frequency("arm", cluster=3, free=True, point_masses=True),
+    ),
     "sum": (
         "four-bar",
         1e4 * ffr.IntegralCompliance()
@@ -84,7 +91,8 @@ def response(name: str, step: float) -> ffr.Response:
     """The motion of a scene with its bodies moved along their direction, for all objectives."""
     scene = SCENES[name]
     bodies = moved(scene.bodies, DIRECTIONS[name], step)
-    return ffr.Response(simulate(scene.mechanism, bodies, scene.integrator), bodies)
+    trajectory = simulate(scene.mechanism, bodies, scene.integrator)
+    return ffr.Response(trajectory, bodies, point_masses=scene.mechanism.point_masses)
 
 
 @pytest.mark.parametrize("name", list(OBJECTIVES))
@@ -314,26 +322,58 @@ def test_acceleration_is_the_second_derivative_of_the_path(motion: Moved) -> Non
     assert convergence_order([4.0, 2.0, 1.0], errors) == pytest.approx(2.0, abs=0.05)
 
 
-def frequency(rod: ffr.VolumeIntegrals, number: int = 1, *, free: bool = False) -> float:
-    return ffr.Frequency("rod", number, free=free).evaluate(ffr.Response(None, {"rod": rod}))
+def hanging(rod: ffr.VolumeIntegrals) -> ffr.Response:
+    """A rod with a mass at its last marker, and another body's mass."""
+    places = ("rod", list(rod.markers)[-1]), ("another", "right")
+    return ffr.Response(None, {"rod": rod}, point_masses=[ffr.PointMass(p, 0.3) for p in places])
+
+
+def frequency(rod: ffr.VolumeIntegrals, number: int = 1, **options: Any) -> float:
+    return ffr.Frequency("rod", number, **options).evaluate(hanging(rod))
+
+
+def tip_root(ratio: float) -> float:
+    """Root of the first frequency of a clamped beam with a mass at its end, relative to its own."""
+
+    def condition(b: float) -> float:
+        sway = np.cos(b) * np.sinh(b) - np.sin(b) * np.cosh(b)
+        return float(1.0 + np.cos(b) * np.cosh(b) + ratio * b * sway)
+
+    return float(scipy.optimize.brentq(condition, 0.1, 1.9))
 
 
 def test_frequencies_of_a_beam() -> None:
     """Cantilever and free beam against Euler and Bernoulli; of free ones in any frame."""
     length, speed = 0.4, np.sqrt(2.1e11 / 7850.0) * 0.01 / np.sqrt(12.0)
-    size = {"height": 0.01, "elements": 10, "modes": 8}
+    size = {"height": 0.01, "elements": 10, "modes": 25}
     clamped, floating = (beam(length, frame=frame, **size) for frame in ("tangent", "free"))
     for found, root in (
         (frequency(clamped), 1.87510406871196),
         (frequency(clamped, 2), 4.69409113297417),
         (frequency(floating), 4.73004074486270),
         (frequency(floating, free=True), 4.73004074486270),
+        (frequency(clamped, pinned=["right"]), 3.92660231204792),
+        (frequency(clamped, point_masses=True), tip_root(0.3 / clamped.mass)),
     ):
         assert found == pytest.approx((root / length) ** 2 * speed / (2 * np.pi), rel=1e-4)
     tangent, chord = (beam(frame=frame, elements=3, modes=9) for frame in ("tangent", "chord"))
     for number in range(1, 6):
         expected = pytest.approx(frequency(chord, number, free=True), rel=1e-9)
         assert frequency(tangent, number, free=True) == expected
+
+
+def test_frequency_by_a_mass_that_is_designed() -> None:
+    """The mass is a parameter of a mechanism that is not simulated."""
+
+    def machine(tip: float) -> ffr.Mechanism:
+        weights = [ffr.PointMass(("rod", "right"), tip)]
+        return ffr.Mechanism({"rod": ffr.Placement()}, point_masses=weights)
+
+    mechanism = ffr.Parameters(tip=(0.3, 0.1, 0.5)).mechanism(machine)
+    objective, bodies = ffr.Frequency("rod", point_masses=True), {"rod": beam(frame="tangent")}
+    problem = ffr.MechanicalProblem(mechanism, ffr.GeneralizedAlpha(0.1, 2), objective)
+    slope = problem.gradient(bodies).parameters["tip"]
+    check_slope(lambda way: problem.at([0.3 + way]).value(bodies).psi, slope, 0.02)
 
 
 def test_cluster_of_equal_frequencies_has_a_derivative() -> None:
@@ -395,6 +435,9 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
             "2 elastic coordinates, too few for .* 2 to 3",
         ),
         (ffr.Frequency("crank"), "'crank' is rigid, and has none"),
+        (ffr.Frequency("rocker", point_masses=True), "does not say what point masses there are"),
+        (ffr.Frequency("rocker", pinned=["tip"]), "marker 'tip', but the markers of body 'rocker'"),
+        (ffr.Frequency("rocker", pinned=["middle", "right"]), "besides those that its pins hold"),
         (
             ffr.PathTracking("rocker", "left", np.zeros((60, 2))),
             r"the path has shape \(60, 2\), but with 61 time steps it must have \(61, 2\)",
@@ -434,6 +477,7 @@ def test_refused_with_the_names_that_exist(
         (lambda: ffr.JointForce("pin", window=(1.0, 1.0)), "begin < end"),
         (lambda: ffr.JointForce(("pin", "pin")), "one name or different ones"),
         (lambda: ffr.JointForce(("pin", "hub"), moment=True), "do not add up"),
+        (lambda: ffr.Frequency("rod", free=True, pinned=["left"]), "a free body is pinned nowhere"),
         (lambda: DrivePower("pin", power=1.0), "with a power of 1 the mean has a kink"),
         (lambda: DrivePower(("pin", "pin")), "one name or different ones"),
         (lambda: DriveWork("pin", recovered=1.5), "recovered must lie between -1 and 1"),
@@ -451,21 +495,34 @@ def test_refused_when_made(make: Callable[[], object], message: str) -> None:
         make()
 
 
-@pytest.mark.parametrize("free", [False, True])
-def test_derivative_of_a_frequency(free: bool) -> None:
-    """Of a body in its frame and of a free one in space, by mass, S, P and K."""
-    body, rng, objective = cloud(4), np.random.default_rng(5), ffr.Frequency("rod", 2, free=free)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"free": True},
+        {"free": True, "point_masses": True},
+        {"pinned": ["root"], "point_masses": True},
+    ],
+    ids=str,
+)
+def test_derivative_of_a_frequency(options: dict[str, Any]) -> None:
+    """Of a body in space, by mass, S, P, K and the shape functions at its markers."""
+    body, rng, objective = cloud(6), np.random.default_rng(5), ffr.Frequency("rod", 2, **options)
     assert body.P is not None
     S, P, K = (rng.standard_normal(array.shape) for array in (body.S, body.P, body.K))
     P, K = P + P.transpose(1, 0, 3, 2), 100.0 * (K + K.T)
-    still = {name: marker.scaled(0.0) for name, marker in body.markers.items()}
-    direction = ffr.VolumeIntegrals.in_space(rng.standard_normal(), S, P, K, still)
-    bars = objective.derivatives(ffr.Response(None, {"rod": body})).integrals
+    markers = {
+        name: replace(marker.scaled(0.0), displacement=rng.standard_normal((3, 6)))
+        for name, marker in body.markers.items()
+    }
+    direction = ffr.VolumeIntegrals.in_space(rng.standard_normal(), S, P, K, markers)
+    bars = objective.derivatives(hanging(body)).integrals
     check_slope(
-        lambda way: frequency(body + direction.scaled(way), 2, free=free),
+        lambda way: objective.evaluate(hanging(body + direction.scaled(way))),
         bars["rod"].dot(direction),
         1e-4,
     )
+    body = cloud(4)
     # without stiffness along one shape there is one zero frequency more
     singular = replace(body, K=np.diag([1.0, 1.0, 1.0, 0.0]))
     with pytest.raises(ValueError, match="frequency 1 of body 'rod' is zero"):

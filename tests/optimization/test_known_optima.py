@@ -38,6 +38,19 @@ def test_the_spinning_bar_is_the_published_one() -> None:
         assert known.spinning_energy(ratio)[0] / even == pytest.approx(expected, abs=2e-6)
 
 
+def test_a_rod_of_least_mass_for_a_frequency() -> None:
+    """The bound is met from above, so that the mass is never below the optimum."""
+    assert 1.0 <= reached("rod")["ours"] <= 1.01
+
+
+def test_the_highest_frequency_of_a_published_beam() -> None:
+    """The benchmark has a finer mesh and more iterations, and comes within 1 % of the design."""
+    few = {"elements": (80, 10), "iterations": (40, 10)}
+    beam = known.vibrating_beam(MPI.COMM_SELF, lambda share: None, **few)
+    assert beam["start"] == pytest.approx(1.0, abs=5e-3)
+    assert beam["reached"] > 0.86 and beam["volume"] <= 0.5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("chi", [0.25, 0.75])
 def test_an_arm_of_least_mass_for_a_stress(chi: float) -> None:

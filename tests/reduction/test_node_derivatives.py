@@ -220,13 +220,14 @@ STRESS, PATH = ffr.PeakStress("rod", power=4), ffr.PathTracking("rod", "spot", (
 UNCORRECTED = ffr.PeakStress("rod", power=4, correction=False)
 PATH_IN_SPACE = ffr.PathTracking("rod", "spot", (0.2, 0.1, 0.05))
 ACCELERATION = ffr.MarkerAcceleration("rod", "spot")
+LOADED = ffr.Frequency("rod", point_masses=True)
 JOINT = (COMPLIANCE, ffr.JointForce("crank pin"), HALF)
 #: What is not the same on several ranks is cells, stress, and a marker that one of them has.
 mpi, slow = pytest.mark.mpi, pytest.mark.slow
 PLANE = [
     pytest.param("triangle", 1, JOINT, RADAU, {}, id="joint"),
     pytest.param(
-        *("quadrilateral", 2, (COMPLIANCE, ffr.Frequency("rod"), ffr.Volume("rod")), ALPHA, {}),
+        *("quadrilateral", 2, (COMPLIANCE, LOADED, ffr.Volume("rod")), ALPHA, {}),
         marks=mpi,
     ),
     pytest.param("triangle", 3, (PATH, COMPLIANCE), ALPHA, {"markers": SPOT}, marks=[mpi, slow]),

@@ -14,6 +14,7 @@ from ..arrays import Array, summed
 from ..body import VolumeIntegrals
 from ..documentation import Shown
 from ..dynamics import Trajectory, TrajectoryBar
+from ..mechanism import PointMass
 
 Bodies = Mapping[str, VolumeIntegrals]
 #: What follows the label of a constraint in that of one of its `Constraint.places`
@@ -97,6 +98,7 @@ class Response(Shown):
         densities: Densities of the bodies that have one, by name; none for bodies given by their
             integrals.
         stresses: Stress of the bodies that have a mesh, by name.
+        point_masses: Point masses of the mechanism, which the bodies are without; None if unknown.
         known: What objectives keep of their values for their derivatives, under keys of their own;
             nothing at first, also of a copy with other parts.
     """
@@ -105,6 +107,7 @@ class Response(Shown):
     bodies: Bodies
     densities: Mapping[str, DensityField] = field(default_factory=dict)
     stresses: Mapping[str, StressField] = field(default_factory=dict)
+    point_masses: Sequence[PointMass] | None = None
     known: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -522,3 +525,10 @@ def check_objective(what: str, objective: object) -> Objective:
 def no_body(what: str, name: str, bodies: Collection[str]) -> ValueError:
     """Error for a body that is not among ``bodies``; ``what`` is the objective."""
     return ValueError(f"{what} of body {name!r}, but the bodies are {list(bodies)}")
+
+
+def no_marker(what: str, marker: str, body: str, markers: Collection[str]) -> ValueError:
+    """Error for a marker that is not among the ``markers`` of a body; ``what`` refers to it."""
+    return ValueError(
+        f"{what} of marker {marker!r}, but the markers of body {body!r} are {list(markers)}"
+    )

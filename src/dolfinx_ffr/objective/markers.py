@@ -28,7 +28,7 @@ from ..dynamics import (
     motion_of_marker,
 )
 from ..mechanism import Motion, check_signal, evaluated
-from .base import Derivatives, Inventory, Objective, Response, no_body
+from .base import Derivatives, Inventory, Objective, Response, no_body, no_marker
 from .time_average import check_window, time_weights
 
 #: A coordinate over time: a motion, a function of an array of times, or a constant.
@@ -54,10 +54,7 @@ class _MarkerObjective(Objective):
         if self.body not in markers:
             raise no_body(self._what, self.body, markers)
         if self.marker not in markers[self.body]:
-            raise ValueError(
-                f"{self._what} of marker {self.marker!r}, but the markers of body {self.body!r} "
-                f"are {list(markers[self.body])}"
-            )
+            raise no_marker(self._what, self.marker, self.body, markers[self.body])
 
     def vectors(self, response: Response) -> Array:
         """The vector at a ``response`` in global axes, shape (steps + 1, 2 or 3)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -17,10 +17,13 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..arrays import Array, Mask
 from ..body import QUARTER_TURN, VolumeIntegrals, axial, cross_matrix, theta
-from .base import DensityField, Derivatives, Inventory, Objective, Response, no_body
+from ..mechanism import PointMass
+from .base import DensityField, Derivatives, Inventory, Objective, Response, no_body, no_marker
 
 #: Relative distance of two eigenvalues below which they count as equal.
 _EQUAL = 1e-6
+#: Displacement of a pin, relative to others, that is round-off: the frame holds it already.
+_HELD = 1e-9
 
 
 class _WithoutTrajectory(Objective):
@@ -170,9 +173,11 @@ class Frequency(_WithoutTrajectory):
     interface while the other may slide along the chord. (The basis of the reduction has others,
     with all interfaces fixed: `Evaluation.fixed_interface_frequencies`.) With ``free`` nothing is
     fixed: M is the mass matrix of the body with its frame, rigid-body modes are left out, and the
-    frame does not matter. The rest of the mechanism plays no part. Sought for its largest value, it
-    takes material away from interfaces, whose mass only lowers it, up to a torn design; one of the
-    held body needs them.
+    frame does not matter. Sought for its largest value, it takes material away from interfaces,
+    whose mass only lowers it, up to a torn design; one of the held body needs them.
+
+    Of the rest of the mechanism nothing plays a part, unless ``point_masses`` are counted. Bearings
+    that the frame does not stand for are markers that are ``pinned``.
 
     A single frequency has a kink where it meets its neighbour. The inverse mean of a cluster has
     none as long as it stays apart from others; for two to four it is close to the lowest.
@@ -185,6 +190,8 @@ class Frequency(_WithoutTrajectory):
         number: Number of the first frequency that counts, from 1.
         cluster: How many frequencies count.
         free: Leave the body's frame free instead of held.
+        point_masses: Count the mechanism's point masses that are fixed to the body.
+        pinned: Markers that do not move in the body's frame, but may turn; not of a free body.
     """
 
     unit: ClassVar[str] = "Hz"
@@ -193,12 +200,20 @@ class Frequency(_WithoutTrajectory):
     number: int = 1
     cluster: int = 1
     free: bool = False
+    point_masses: bool = False
+    pinned: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         validation.name("frequency: body", self.body)
         validation.integer("frequency: number", self.number, least=1)
         validation.integer("frequency: cluster", self.cluster, least=1)
         validation.flag("frequency: free", self.free)
+        validation.flag("frequency: point_masses", self.point_masses)
+        object.__setattr__(
+            self, "pinned", tuple(validation.names("frequency: pinned", self.pinned))
+        )
+        if self.free and self.pinned:
+            raise ValueError("frequency: a free body is pinned nowhere; leave out one of both")
 
     def evaluate(self, response: Response) -> float:
         eigenvalues, _, chosen = self._eigenpairs(response)
@@ -208,17 +223,27 @@ class Frequency(_WithoutTrajectory):
         eigenvalues, vectors, chosen = self._eigenpairs(response)
         self._warn_of_neighbours(eigenvalues, chosen)
         lambdas, v = eigenvalues[chosen], vectors[:, chosen]
+        body = response.bodies[self.body]
         mean = 1.0 / np.mean(1.0 / lambdas)
         # d psi = psi / (2 lambda) d lambda, d lambda_i = v_i . (dK - lambda_i dM) v_i
         psi = math.sqrt(mean) / (2.0 * math.pi)
         weights = 0.5 * psi * mean / (self.cluster * lambdas**2)
         K = (weights * v) @ v.T
         M = -(weights * lambdas * v) @ v.T
-        return Derivatives(integrals={self.body: self._bar(response.bodies[self.body], K, M)})
+        bar = self._bar(body, K, M)
+        if self.pinned:
+            bar = self._with_pins(bar, self._loaded(response), lambdas, v, weights)
+        for point in self._points(response):
+            bar = body.point_mass_pullback(bar, point.marker[1], point.mass)
+        return Derivatives(integrals={self.body: bar})
 
     def validate(self, inventory: Inventory) -> None:
         if self.body not in inventory.modes:
             raise no_body("frequency", self.body, inventory.modes)
+        markers = inventory.markers[self.body]
+        for marker in self.pinned:
+            if marker not in markers:
+                raise no_marker("frequency", marker, self.body, markers)
         count, last = inventory.modes[self.body], self.number - 1 + self.cluster
         if last > count:
             if count == 0:
@@ -232,19 +257,66 @@ class Frequency(_WithoutTrajectory):
     def _eigenpairs(self, response: Response) -> tuple[Array, Array, slice]:
         """Ascending eigenvalues, M-orthonormal eigenvectors, and the places of the cluster."""
         self.validate(response.inventory)
-        body = response.bodies[self.body]
+        body = self._loaded(response)
         n = 3 * body.dimension - 3 if self.free else 0  # rigid-body modes, which come first
         first = n + self.number - 1
         M = body.mass_matrix()[-n - body.modes :, -n - body.modes :]
         K = np.zeros_like(M)
         K[n:, n:] = body.K
+        # columns of what the pins leave free
+        basis = scipy.linalg.null_space(self._pins(body), _HELD) if self.pinned else np.eye(len(M))
+        if first + self.cluster > basis.shape[1]:
+            raise ValueError(
+                f"frequency: body {self.body!r} has {basis.shape[1]} elastic coordinates besides "
+                "those that its pins hold, too few; give it more modes"
+            )
+        K, M = basis.T @ K @ basis, basis.T @ M @ basis
         eigenvalues, vectors = scipy.linalg.eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
         if not eigenvalues[first] > 1e-12 * eigenvalues[-1]:
             raise ValueError(
                 f"frequency: frequency {self.number} of body {self.body!r} is zero; its stiffness "
                 "is singular"
             )
-        return eigenvalues, vectors, slice(first, first + self.cluster)
+        return eigenvalues, basis @ vectors, slice(first, first + self.cluster)
+
+    def _points(self, response: Response) -> list[PointMass]:
+        """Point masses of the body that count."""
+        if not self.point_masses:
+            return []
+        if response.point_masses is None:
+            raise ValueError("frequency: the response does not say what point masses there are")
+        points = [point for point in response.point_masses if point.marker[0] == self.body]
+        markers = response.bodies[self.body].markers
+        for point in points:
+            if point.marker[1] not in markers:
+                raise no_marker("point mass", point.marker[1], self.body, markers)
+        return points
+
+    def _loaded(self, response: Response) -> VolumeIntegrals:
+        """Integrals of the body with the point masses that count."""
+        body = response.bodies[self.body]
+        for point in self._points(response):
+            body = body.with_point_mass(point.marker[1], point.mass)
+        return body
+
+    def _pins(self, body: VolumeIntegrals) -> Array:
+        """Displacements of the pinned markers by elastic coordinates, (2 or 3 each, modes)."""
+        return np.vstack([body.markers[marker].displacement for marker in self.pinned])
+
+    def _with_pins(
+        self, bar: VolumeIntegrals, body: VolumeIntegrals, lambdas: Array, v: Array, weights: Array
+    ) -> VolumeIntegrals:
+        """The derivatives ``bar`` with those by the displacements of pinned markers.
+
+        Pins that hold D v = 0 by forces p, (K - lambda M) v + D' p = 0, add 2 p . dD v to d lambda.
+        """
+        residual = body.K @ v - body.mass_matrix()[-body.modes :, -body.modes :] @ v * lambdas
+        forces = -np.linalg.lstsq(self._pins(body).T, residual, rcond=_HELD)[0]
+        parts = np.split(2.0 * (weights * forces) @ v.T, len(self.pinned))
+        markers = dict(bar.markers)
+        for name, part in zip(self.pinned, parts, strict=True):
+            markers[name] = replace(markers[name], displacement=markers[name].displacement + part)
+        return replace(bar, markers=markers)
 
     def _warn_of_neighbours(self, eigenvalues: Array, chosen: slice) -> None:
         first, last, rigid = chosen.start, chosen.stop, chosen.start - self.number + 1
@@ -287,5 +359,6 @@ def _bar_in_space(bar: VolumeIntegrals, M: Array) -> VolumeIntegrals:
         S[0], S[1:] = 2.0 * axial(M[3:6, :3]), 2.0 * M[6:, :3]
         P[0, 0] = theta(M[3:6, 3:6])
         for j, row in enumerate(M[6:, 3:6], start=1):
-            P[j, 0] = 2.0 * cross_matrix(row)
+            P[j, 0] = cross_matrix(row)
+            P[0, j] = P[j, 0].T
     return replace(bar, mass=mass, S=S, P=P)

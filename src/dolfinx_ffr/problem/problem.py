@@ -599,7 +599,10 @@ class Problem(LoadCases):
         }
         simulated = trajectories(self.comm, cases, bodies, warn=False)
         fields = self._designed.response(evaluation.bodies).densities
-        responses = {n: Response(simulated[n], bodies, fields, stresses) for n in cases}
+        reduced = Response(None, bodies, fields, stresses)
+        responses = {
+            n: replace(case.response(reduced), simulated=simulated[n]) for n, case in cases.items()
+        }
         with on_every_rank(self.comm, WORK):
             return self._combined(
                 {n: value_of(m.objective, responses[n]) for n, m in cases.items()}
