@@ -26,8 +26,8 @@ def plate() -> ffr.Domain:
     return ffr.Domain.from_outline(MPI.COMM_WORLD, shape, interfaces=left, size=0.0025)
 
 
-def level_set(body: ffr.Domain, rim: float | None) -> ffr.LevelSet:
-    return ffr.LevelSet(body, minimum_member=RIM, hole_rim=rim)
+def level_set(body: ffr.Domain, rim: float | None, member: float = RIM) -> ffr.LevelSet:
+    return ffr.LevelSet(body, minimum_member=member, hole_rim=rim)
 
 
 def densities(body: ffr.Domain, rim: float | None) -> ffr.DensityDesign:
@@ -79,14 +79,41 @@ def test_the_field_of_a_part_has_a_round_rim_where_the_design_is_void(
     assert np.all(level(CENTER + (RADIUS + 1.01 * RIM) * around) < 0.0)
 
 
+def block(folder: Path, tool: str) -> ffr.Domain:
+    path = folder / "block.msh"
+    if MPI.COMM_WORLD.rank == 0:
+        write_pierced_block(path, tool=tool, size=0.07)
+    MPI.COMM_WORLD.Barrier()
+    return ffr.Domain.from_gmsh(MPI.COMM_WORLD, path, interfaces=["left"])
+
+
 def test_the_rim_of_a_bore_in_space(tmp_path: Path) -> None:
-    write_pierced_block(tmp_path / "block.msh")
-    body = ffr.Domain.from_gmsh(MPI.COMM_WORLD, tmp_path / "block.msh", interfaces=["left"])
-    design = ffr.LevelSet(body, minimum_member=0.1)
+    design = ffr.LevelSet(block(tmp_path, "bore"), minimum_member=0.1)
     level = design.level(design.even(0.0))
     at = np.array([[0.2, 0.05 + r, z] for r in (0.11, 0.19) for z in (0.0, 0.1, 0.2)])
     assert np.all(level(at) > 0.0)
     assert level(np.array([[0.2, -0.2, 0.1]]))[0] < 0.0
+
+
+@pytest.mark.mpi
+@KINDS
+def test_the_rim_of_a_slot_in_space(
+    kind: Callable[..., ffr.design.Design], shared_tmp_path: Path
+) -> None:
+    rim, body = 0.1, block(shared_tmp_path, "slot")
+    design = level_set(body, rim, rim) if kind is level_set else kind(body, rim)
+    empty = design.even(0.0)
+    x, y, _ = np.abs(design.domain.centroids - [0.2, 0.05, 0.0]).T
+    away = np.hypot(np.maximum(x - 0.1, 0.0), y) - 0.05
+    density, size = design.density(empty), 2.0 * design.domain.cell_size
+    assert np.all(density[away < rim - size] > 1.0 - 1e-12)
+    assert np.max(density[away > rim + size], initial=0.0) < 1e-9
+
+    level = design.level(empty)
+    x, y = np.meshgrid([0.1, 0.2, 0.3], [0.05 - 0.05 - 0.95 * rim, 0.05 + 0.05 + 0.95 * rim])
+    within = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.1)])
+    assert np.all(level(within) > 0.0)
+    assert level(np.array([[-0.2, 0.05, 0.1]]))[0] < 0.0
 
 
 def test_a_negative_rim_is_refused() -> None:

@@ -69,19 +69,54 @@ def test_void_cells_are_outside_of_the_outline_and_no_hole() -> None:
     assert not body.holes
 
 
+def block(folder: Path, tool: str, tilt: float = 0.0) -> ffr.Domain:
+    """A block of 1 x 0.5 x 0.2 m without what a tool takes."""
+    path = folder / "block.msh"
+    if MPI.COMM_WORLD.rank == 0:
+        write_pierced_block(path, tool=tool, tilt=tilt, size=0.09)
+    MPI.COMM_WORLD.Barrier()
+    return ffr.Domain.from_gmsh(MPI.COMM_WORLD, path, interfaces=["left"])
+
+
 @pytest.mark.mpi
 def test_a_tilted_bore_in_space_on_several_ranks(shared_tmp_path: Path) -> None:
-    path, tilt = shared_tmp_path / "block.msh", 0.3
-    if MPI.COMM_WORLD.rank == 0:
-        write_pierced_block(path, tilt=tilt)
-    MPI.COMM_WORLD.Barrier()
-    (bore,) = ffr.Domain.from_gmsh(MPI.COMM_WORLD, path, interfaces=["left"]).holes
+    """Distances are those from its cylinder, on however coarse a mesh."""
+    tilt = 0.3
+    (bore,) = block(shared_tmp_path, "bore", tilt).holes
     turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
-    np.testing.assert_allclose(bore.center, turn @ [0.2, 0.05, 0.1], atol=1e-6)
-    np.testing.assert_allclose(np.abs(bore.axis), np.abs(turn[:, 2]), atol=1e-6)
-    assert (bore.radius, bore.length) == pytest.approx((0.1, 0.2), rel=1e-6)
-    points = np.array([[0.2, 0.05, 0.0], [0.2, 0.2, 0.1], [0.2, 0.05, 0.25]]) @ turn.T
-    np.testing.assert_allclose(bore.distance(points), [0.0, 0.05, 0.05], atol=1e-6)
+    np.testing.assert_allclose(bore.center, turn @ [0.2, 0.05, 0.1], atol=1e-5)
+    assert bore.radius == pytest.approx(0.1, rel=1e-6)
+    angle, depth, height = np.random.default_rng(3).uniform(size=(3, 200))
+    away = 0.1 + 0.02 + 0.1 * depth
+    around = np.cos(6.3 * angle) * away, np.sin(6.3 * angle) * away
+    points = np.column_stack([0.2 + around[0], 0.05 + around[1], 0.2 * height])
+    np.testing.assert_allclose(bore.distance(points @ turn.T), away - 0.1, atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("tool", "low", "high"),
+    [
+        pytest.param("slot", (0.05, 0.0, 0.0), (0.35, 0.1, 0.2), marks=pytest.mark.mpi),
+        ("square", (0.1, -0.05, 0.0), (0.3, 0.15, 0.2)),
+        ("pocket", (0.1, -0.05, 0.1), (0.3, 0.15, 0.2)),
+        ("blind bore", (0.1, -0.05, 0.1), (0.3, 0.15, 0.2)),
+        ("cone", (0.06, -0.09, 0.0), (0.34, 0.19, 0.2)),
+        ("oblique bore", (0.083, -0.01, 0.0), (0.317, 0.11, 0.2)),
+        ("cavity", (0.14, -0.01, 0.04), (0.26, 0.11, 0.16)),
+        ("crossing bores", (0.14, -0.25, 0.0), (0.26, 0.25, 0.2)),
+    ],
+)
+def test_holes_of_any_shape_in_space(
+    shared_tmp_path: Path, tool: str, low: tuple[float, ...], high: tuple[float, ...]
+) -> None:
+    (hole,) = block(shared_tmp_path, tool).holes
+    # what is no cylinder is found as the mesh has it
+    np.testing.assert_allclose(hole.box, [low, high], atol=1e-2)
+
+
+@pytest.mark.parametrize("tool", ["fork", "groove", "step", "notch", "half bore"])
+def test_what_is_open_at_its_side_is_no_hole(shared_tmp_path: Path, tool: str) -> None:
+    assert not block(shared_tmp_path, tool).holes
 
 
 def test_a_box_in_space_has_no_bore() -> None:

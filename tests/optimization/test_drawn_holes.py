@@ -114,8 +114,8 @@ def test_a_hole_without_a_rim_is_a_violation() -> None:
 
 
 @pytest.mark.parametrize("kind", ["level set", "densities"])
-def test_a_drilled_hole_of_a_body_in_space(tmp_path: Path, kind: str) -> None:
-    write_pierced_block(tmp_path / "block.msh", size=0.065)
+def test_a_slot_of_a_body_in_space(tmp_path: Path, kind: str) -> None:
+    write_pierced_block(tmp_path / "block.msh", tool="slot", size=0.065)
     block = ffr.Domain.from_gmsh(MPI.COMM_WORLD, tmp_path / "block.msh", interfaces=["left"])
     ends = {"left": lambda x: x[0] < -0.5 + 1e-9, "right": lambda x: x[0] > 0.5 - 1e-9}
     domain = ffr.Domain(block.mesh, ends, lambda x: np.abs(x[0]) > 0.35)

@@ -66,27 +66,32 @@ def test_rims_that_are_too_thin(drilled: ffr.Domain, width: float, missing: floa
 
 
 @pytest.mark.mpi
-def test_a_bore_in_space(shared_tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("tool", "below", "middle", "radius"),
+    [("bore", -0.05, "(200, 50, 100)", 0.1), ("slot", 0.0, "(200, 50, 100)", 0.05)],
+)
+def test_a_hole_in_space(
+    shared_tmp_path: Path, tool: str, below: float, middle: str, radius: float
+) -> None:
     path = shared_tmp_path / "block.msh"
     if MPI.COMM_WORLD.rank == 0:
-        write_pierced_block(path)
+        write_pierced_block(path, tool=tool)
     MPI.COMM_WORLD.Barrier()
     body = ffr.Domain.from_gmsh(MPI.COMM_WORLD, path, interfaces=["left"])
     member = 0.08
     full = ffr.Solid(body, lambda x: np.ones(len(x)))
     assert shares(full, member, member) == {}
 
-    cut = ffr.Solid(body, lambda x: x[:, 1] + 0.09)  # below a plane 0.04 below the bore
+    cut = ffr.Solid(body, lambda x: x[:, 1] - below + 0.04)  # from 0.04 below the hole on
     assert shares(cut, 0.03, member) == {}
     ((what, missing),) = shares(cut, member, member).items()
-    assert what == "rim of the hole near (200, 50, 100) mm"
+    assert what == f"rim of the hole near {middle} mm"
     assert missing == pytest.approx(0.5, abs=0.05)
 
     block = ffr.Domain.box(MPI.COMM_WORLD, 1.0, 0.5, 0.2, elements=(10, 5, 2), solid_layers=1)
-    block.mesh.geometry.x[:] -= [0.5, 0.0, 0.0]
+    block.mesh.geometry.x[:] -= [0.5, 0.0, -0.1]
     filled = ffr.Solid(block, lambda x: np.ones(len(x)))
     filled.body = body
     found = shares(filled, 0.0, member)
-    assert found["material outside of the body near (200, 50, 100) mm"] == pytest.approx(
-        0.1 / member, rel=1e-6
-    )
+    depth = found[f"material outside of the body near {middle} mm"]
+    assert depth == pytest.approx(radius / member, rel=0.1)

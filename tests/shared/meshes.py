@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -136,19 +137,55 @@ def rod_file(comm: MPI.Intracomm, folder: Path, **options: Any) -> Path:
     return path
 
 
-def write_pierced_block(path: Path, *, tilt: float = 0.0, size: float = 0.12) -> None:
-    """A block with a bore along z, turned about x by an angle, as a gmsh file."""
+#: Tools that are cut out of a block, by name: each makes volumes of a model of OpenCASCADE
+TOOLS: dict[str, Callable[[Any], list[int]]] = {
+    "bore": lambda occ: [occ.addCylinder(0.2, 0.05, 0.0, 0.0, 0.0, 0.2, 0.1)],
+    "slot": lambda occ: _union(
+        occ,
+        occ.addBox(0.1, 0.0, 0.0, 0.2, 0.1, 0.2),
+        occ.addCylinder(0.1, 0.05, 0.0, 0.0, 0.0, 0.2, 0.05),
+        occ.addCylinder(0.3, 0.05, 0.0, 0.0, 0.0, 0.2, 0.05),
+    ),
+    "square": lambda occ: [occ.addBox(0.1, -0.05, 0.0, 0.2, 0.2, 0.2)],
+    "pocket": lambda occ: [occ.addBox(0.1, -0.05, 0.1, 0.2, 0.2, 0.1)],
+    "blind bore": lambda occ: [occ.addCylinder(0.2, 0.05, 0.1, 0.0, 0.0, 0.1, 0.1)],
+    "cone": lambda occ: [occ.addCone(0.2, 0.05, 0.0, 0.0, 0.0, 0.2, 0.06, 0.14)],
+    "oblique bore": lambda occ: [occ.addCylinder(0.1, 0.05, -0.1, 0.2, 0.0, 0.4, 0.06)],
+    "cavity": lambda occ: [occ.addSphere(0.2, 0.05, 0.1, 0.06)],
+    "crossing bores": lambda occ: _union(
+        occ,
+        occ.addCylinder(0.2, 0.0, 0.0, 0.0, 0.0, 0.2, 0.06),
+        occ.addCylinder(0.2, -0.3, 0.1, 0.0, 0.6, 0.0, 0.04),
+    ),
+    "fork": lambda occ: [occ.addBox(0.0, -0.1, 0.0, 1.0, 0.2, 0.2)],
+    "groove": lambda occ: [occ.addBox(-0.2, -0.1, 0.1, 1.0, 0.2, 0.1)],
+    "step": lambda occ: [occ.addBox(0.0, -0.25, 0.1, 0.5, 0.5, 0.1)],
+    "notch": lambda occ: [occ.addBox(0.3, 0.1, 0.1, 0.2, 0.15, 0.1)],
+    "half bore": lambda occ: [occ.addCylinder(0.2, 0.25, 0.0, 0.0, 0.0, 0.2, 0.1)],
+}
+
+
+def _union(occ: Any, first: int, *others: int) -> list[int]:
+    return [tag for _, tag in occ.fuse([(3, first)], [(3, other) for other in others])[0]]
+
+
+def write_pierced_block(
+    path: Path, *, tool: str = "bore", tilt: float = 0.0, size: float = 0.12
+) -> None:
+    """A block without what a tool takes, turned about x by an angle, as a gmsh file."""
     with gmsh_model() as gmsh:
         block = gmsh.model.occ.addBox(-0.5, -0.25, 0.0, 1.0, 0.5, 0.2)
-        tool = gmsh.model.occ.addCylinder(0.2, 0.05, 0.0, 0.0, 0.0, 0.2, 0.1)
-        gmsh.model.occ.cut([(3, block)], [(3, tool)])
-        gmsh.model.occ.rotate([(3, 1)], 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, tilt)
+        tools = [(3, tag) for tag in TOOLS[tool](gmsh.model.occ)]
+        bodies, _ = gmsh.model.occ.cut([(3, block)], tools)
+        gmsh.model.occ.rotate(bodies, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, tilt)
         gmsh.model.occ.synchronize()
         surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
         bore = [s for s in surfaces if gmsh.model.getType(2, s) == "Cylinder"]
         left = [s for s in surfaces if gmsh.model.occ.getCenterOfMass(2, s)[0] < -0.499]
-        for dim, tags, name in ((3, [1], "material"), (2, bore, "bore"), (2, left, "left")):
-            gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)
+        material = [tag for _, tag in bodies]
+        for dim, tags, name in ((3, material, "material"), (2, bore, "bore"), (2, left, "left")):
+            if tags:
+                gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)
         gmsh.model.mesh.generate(3)
         gmsh.write(str(path))

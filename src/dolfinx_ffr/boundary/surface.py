@@ -99,7 +99,7 @@ class Surface:
         spacing: Of the grid, shape (3,) [m].
         mirrors: Planes about which the surface is its own mirror image.
         size: Of the tetrahedra [m].
-        rim: Width of the rim around each bore of the body's drawing [m].
+        rim: Width of the rim around each hole of the body's drawing [m].
         rims: The rims themselves, where another surface of the body has them; made by default.
     """
 
@@ -131,7 +131,7 @@ class Surface:
         self.knots = 2.0 * spacing  #: Distances of the knots of the motion, (3,) [m]
         self.size = size  #: Of the tetrahedra [m]
         self.body: Domain = origin.body
-        self.rim = rim  #: Width of the rim around each bore of the body's drawing [m]
+        self.rim = rim  #: Width of the rim around each hole of the body's drawing [m]
         # collective, so that surfaces which rank 0 makes alone take those of the first
         self._rims = rims or HoleRims(self.body, max(rim, _RIM * member) if rim else 0.0)
         lines = [_refined(count) for count in coefficients.shape]
@@ -157,7 +157,7 @@ class Surface:
         Args:
             solid: Of any field.
             member: Width of the thinnest member [m]; it sets the grid of the field, too.
-            rim: Width of the rim of material around each bore of the body's drawing [m]; by default
+            rim: Width of the rim of material around each hole of the body's drawing [m]; by default
                 as the member, 0 for none. Others are at least a member wide.
             mirrors: Planes about which the surface is its own mirror image.
             size: Of the tetrahedra [m], see `Solid`; by default as small as the cells of the body
@@ -217,7 +217,7 @@ class Surface:
         return np.maximum(self._moving_field(x), self._rims.margin(x))
 
     def _moving_field(self, x: Array) -> Array:
-        """The field at points (n, 3) without the rims of bores, which stay, (n,) [m]."""
+        """The field at points (n, 3) without the rims of holes, which stay, (n,) [m]."""
         total = np.zeros(len(x))
         for image in self._images:
             at = (image(x) - self._low) / self._spacing

@@ -105,9 +105,9 @@ class LevelSet(Design):
             bound. That of the finished part is `Part.thinnest_member`.
         minimum_gap: Width that no gap or hole may fall below [m]; by default as `minimum_member`,
             whatever the mesh, and without any of both the mesh's least.
-        hole_rim: Width of the rim that stays solid around each hole of the body's drawing (in space
-            each round bore), with a name or without [m]; by default `minimum_member`, 0 for none.
-            With a `web` there is such a rim along the outline, too.
+        hole_rim: Width of the rim that stays solid around each hole of the body's drawing, with a
+            name or without [m]; by default `minimum_member`, 0 for none. With a `web` there is such
+            a rim along the outline, too.
         web: Thickness of the web that stays where material is milled away, as a share of the
             part's: pockets, from both sides to the same depth, take the place of holes. Then
             `minimum_gap` is the least width of a pocket, and half of it the least radius of its

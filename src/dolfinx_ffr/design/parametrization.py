@@ -181,9 +181,9 @@ class DensityDesign(Design):
             struts may hang together by corners of elements, which looks stiffer than it is. Zero
             filters nothing.
         eta: Threshold of the projection, in (0, 1).
-        hole_rim: Width of the rim that stays solid around each hole of the body's drawing (in space
-            each round bore), with a name or without [m]; by default 0.64 mean elements, the minimum
-            member of densities, 0 for none.
+        hole_rim: Width of the rim that stays solid around each hole of the body's drawing, with a
+            name or without [m]; by default 0.64 mean elements, the minimum member of densities, 0
+            for none.
         web: As of `LevelSet`.
     """
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..arrays import Array, Mask
-from ..fem import Domain, DrawnHole, RoundHole
+from ..fem import Domain, FlatHole, SpatialHole
 
 
 class HoleRims:
@@ -54,9 +54,9 @@ class HoleRims:
             margin[near] = np.maximum(margin[near], inside)
         return margin
 
-    def _cut_off(self, hole: DrawnHole) -> float:
+    def _cut_off(self, hole: FlatHole | SpatialHole) -> float:
         """By how much chords of two cells cut into a round rim in space, where solids have them."""
-        if not isinstance(hole, RoundHole):
+        if isinstance(hole, FlatHole):
             return 0.0
         return min(0.5 * self._cell**2 / (hole.radius + self.width), 0.5 * self._cell)
 

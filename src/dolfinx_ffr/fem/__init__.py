@@ -12,7 +12,7 @@ from ..arrays import Array as Array
 from .curves import Arc, Curve, CurveError, Line, ShapeError, Spline, enclosed
 from .curves import polygon as polygon
 from .domain import Domain as Domain
-from .drawn_outline import DrawnHole, FlatHole, RoundHole
+from .drawn_outline import FlatHole
 from .elasticity import Block as Block
 from .elasticity import (
     CellFields,
@@ -26,6 +26,7 @@ from .elasticity import (
 )
 from .elasticity import Elasticity as Elasticity
 from .faces import directed_loops, nested, ring
+from .holes_in_space import SpatialHole
 from .interface import Bore as Bore
 from .interface import Box as Box
 from .interface import Interface as Interface

@@ -23,8 +23,9 @@ from .. import validation
 from ..arrays import Array, Integers, Mask
 from ..parallel import gathered, on_every_rank, on_rank_0
 from . import _compat
-from .drawn_outline import DrawnHole, bores, flat_holes, flat_outline
+from .drawn_outline import FlatHole, flat_holes, flat_outline
 from .form_cache import claim_form_cache
+from .holes_in_space import SpatialHole, holes_in_space
 from .interface import (
     Bore,
     Box,
@@ -428,12 +429,16 @@ class Domain:
         return self._drawn_outline.difference(self._void_polygons)
 
     @cached_property
-    def holes(self) -> Sequence[DrawnHole]:
+    def holes(self) -> Sequence[FlatHole | SpatialHole]:
         """The holes of the body's drawing, with a name or without, on every rank.
 
-        In the plane they are closed inner lines of the outline, in space round bores.
+        In the plane a hole is what a closed inner line of the outline surrounds. In space it is
+        what is such a hole in a plane section: bores, slots, pockets and cavities of any shape,
+        through or blind; the gap of a fork and a groove with an open side are no holes.
         """
-        return bores(self.mesh) if self.dimension == 3 else flat_holes(self._drawn_outline)
+        if self.dimension == 3:
+            return holes_in_space(self.mesh, self.cell_size)
+        return flat_holes(self._drawn_outline)
 
     @cached_property
     def _drawn_outline(self) -> shapely.Geometry:

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from ..arrays import Array
-from ..fem import VOID, FlatHole, RoundHole, Tetrahedra
+from ..fem import VOID, FlatHole, SpatialHole, Tetrahedra
 from ..parallel import on_rank_0
 from .asked_sizes import PartViolation
 from .part import Part
@@ -24,8 +24,10 @@ from .tetrahedral_cut import outer_faces
 _MISSED = 0.01
 #: The same of a solid, whose surface is one of flat triangles; and of the size of its body's cells
 _MISSED_IN_SPACE, _OF_CELLS = 0.03, 0.1
-#: Depths at which the rim of a bore is looked at, points on its axis, and of its wall at most
-_DEPTHS, _ON_AXIS, _ON_WALL = 40, 21, 400
+#: Depths at which the rim of a hole in space, and the hole, are looked at
+_DEPTHS = 40
+#: Points on its walls from which they are looked at, at most
+_ON_WALLS = 400
 
 
 def outline_violations(part: Part | Solid, rim: float, least: float) -> list[PartViolation]:
@@ -66,11 +68,11 @@ def _in_the_plane(part: Part, rim: float, least: float) -> Iterator[PartViolatio
 
 def _in_space(solid: Solid, rim: float, least: float) -> Iterator[PartViolation]:
     body = Tetrahedra.of(solid.body)
-    bores = [hole for hole in solid.body.holes if isinstance(hole, RoundHole)]
+    holes = [hole for hole in solid.body.holes if isinstance(hole, SpatialHole)]
     tolerance = max(_MISSED * least, _OF_CELLS * solid.body.cell_size)
 
     def find() -> list[PartViolation]:
-        distances = _Distances(solid, _surface(body), bores)
+        distances = _Distances(solid, _surface(body), holes)
         return [*distances.outside(least, tolerance), *distances.rims(rim)]
 
     yield from on_rank_0(solid.body.comm, find)
@@ -79,8 +81,8 @@ def _in_space(solid: Solid, rim: float, least: float) -> Iterator[PartViolation]
 class _Distances:
     """Signed distances from the surfaces of a solid and of its body, negative inside."""
 
-    def __init__(self, solid: Solid, body: Any, bores: list[RoundHole]) -> None:
-        self.solid, self.body, self.bores = solid, body, bores
+    def __init__(self, solid: Solid, body: Any, holes: list[SpatialHole]) -> None:
+        self.solid, self.body, self.holes = solid, body, holes
         self.surface = solid.surface()
 
     @staticmethod
@@ -90,39 +92,45 @@ class _Distances:
         cloud = pyvista.PolyData(points).compute_implicit_distance(surface)
         return np.asarray(cloud["implicit_distance"])
 
+    @staticmethod
+    def _rays(hole: SpatialHole, lengths: Array) -> Array:
+        """Points at ``lengths`` (n,) from the walls into the hole, shape (walls, n, 3) [m]."""
+        every = -(-len(hole.middles) // _ON_WALLS)
+        starts, directions = hole.middles[::every, None], hole.outward[::every, None]
+        return np.asarray(starts + lengths[:, None] * directions)
+
     def outside(self, least: float, tolerance: float) -> Iterator[PartViolation]:
-        """The point of the solid that is farthest outside of the body, and filled bores."""
+        """The point of the solid that is farthest outside of the body, and filled holes."""
         away = self._from(self.body, self.solid.points)
         farthest = int(np.argmax(away))
         if away[farthest] > tolerance:
             yield _outside(self.solid.points[farthest], float(away[farthest]), least)
-        for bore in self.bores:
-            along = bore.length * (np.linspace(0.0, 1.0, _ON_AXIS) - 0.5)
-            points = bore.center + along[:, None] * bore.axis
-            # where another void or another body crosses the axis nothing is said
-            empty = self._from(self.body, points) > tolerance
-            if np.any(self._from(self.surface, points[empty]) < -tolerance):
-                yield _outside(bore.center, bore.radius, least)
+        for hole in self.holes:
+            across = float(np.linalg.norm(np.ptp(hole.box, axis=0)))
+            lengths = across * np.linspace(0.0, 0.5, _DEPTHS + 1)[1:]
+            points = self._rays(hole, lengths).reshape(-1, 3)
+            away = self._from(self.body, points)
+            # another piece of the body may stand in the hole
+            empty = away > tolerance
+            filled = self._from(self.surface, points[empty]) < -tolerance
+            if np.any(filled):
+                yield _outside(hole.center, float(np.max(away[empty][filled])), least)
 
     def rims(self, rim: float) -> Iterator[PartViolation]:
-        """The bores whose rims are thinner than asked for."""
+        """The holes whose rims are thinner than asked for."""
         depths = rim * np.linspace(0.0, 1.0, _DEPTHS + 1)[1:]
-        for bore in self.bores if rim > 0.0 else ():
-            walls = bore.walls[:: -(-len(bore.walls) // _ON_WALL)] - bore.center
-            foot = (walls @ bore.axis)[:, None] * bore.axis
-            outward = (walls - foot) / np.linalg.norm(walls - foot, axis=1, keepdims=True)
-            starts = bore.center + foot + bore.radius * outward
-            rays = starts[:, None, :] + depths[:, None] * outward[:, None, :]
+        for hole in self.holes if rim > 0.0 else ():
+            rays = self._rays(hole, -depths)
             points = rays.reshape(-1, 3)
             tolerance = _MISSED_IN_SPACE * rim
             within = self._from(self.body, points) < -tolerance
             away = self._from(self.surface, points)
             missing = within & (away > tolerance)
             # the material ends where a point outside of it is near it
-            ends = np.tile(depths, len(walls)) - away
+            ends = np.tile(depths, len(rays)) - away
             width = max(float(np.min(ends[missing], initial=rim)), 0.0)
             if width < rim - tolerance:
-                yield _rim(bore.center, width, rim)
+                yield _rim(hole.center, width, rim)
 
 
 def _surface(body: Tetrahedra) -> Any:
