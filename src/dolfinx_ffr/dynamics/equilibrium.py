@@ -107,8 +107,8 @@ def equilibrium_pullback(model: FlatModel, y: Array, y_bar: Array, markers: Arra
     solution = _solve(K.T, C, M, np.concatenate([y_bar, np.zeros(model.rows)]))
     x, m2 = solution[:n].copy(), solution[n:].copy()
     adjoints = x, m2, np.zeros(model.rows)
-    _, bars = equations_pullback(arrays, (y, np.zeros(n), lam), adjoints, forces=True)
-    markers += bars
+    equations_pullback(kinematics, (y, np.zeros(n), lam), adjoints, forces=True)
+    markers += kinematics.marker_bars
     return x
 
 

@@ -117,15 +117,12 @@ def start_pullback(
     elastic, rate = _elastic_state(model)
     placed, before = _placed(model)
     if model.rows:
-        pulled, bars = closure.moving_pullback(y, before + rate, v, v_bar)
-        y_bar = y_bar + pulled
-        markers += bars
-    if equilibrium:
-        return equilibrium_pullback(model, y, y_bar, markers)
-    if model.rows:
+        y_bar = y_bar + closure.moving_pullback(y, before + rate, v, v_bar)
+    if model.rows and not equilibrium:
         undeformed = closure.assembled(placed) if np.any(elastic) else y
-        markers += closure.deformed_pullback(undeformed, y, y_bar)
-    return None
+        closure.deformed_pullback(undeformed, y, y_bar)
+    markers += closure.marker_bars
+    return equilibrium_pullback(model, y, y_bar, markers) if equilibrium else None
 
 
 def _elastic_state(model: FlatModel) -> tuple[Array, Array]:
@@ -153,6 +150,8 @@ class _Closure:
         arrays = model.arrays
         self.model = model
         self._kinematics = Kinematics(arrays)
+        #: Derivatives by the markers' shape functions, to which the transposes add
+        self.marker_bars = self._kinematics.marker_bars
         self.length = length_of(arrays)
         self.rigid = model.rigid
         # Angles count as the arc they sweep at the mechanism's size.
@@ -227,7 +226,7 @@ class _Closure:
         self.refuse_open(y, "with the given elastic coordinates")
         return y
 
-    def deformed_pullback(self, undeformed: Array, y: Array, y_bar: Array) -> Array:
+    def deformed_pullback(self, undeformed: Array, y: Array, y_bar: Array) -> None:
         """Transpose of :meth:`deformed` with respect to the markers' positions and shapes."""
         left, right = self._directions(undeformed)
         shift = self.model.arrays.difference(y[None], undeformed)[0]
@@ -236,8 +235,8 @@ class _Closure:
         pulled = right.T @ (self.column * y_bar[self.rigid])
         m2 = self.row * (left @ np.linalg.solve((left.T @ jacobian @ right).T, pulled))
         none, zero = np.zeros(self.model.rows), np.zeros_like(y)
-        arrays, state, adjoints = self.model.arrays, (y, zero, none), (zero, m2, none)
-        return equations_pullback(arrays, state, adjoints, forces=False)[1]
+        state, adjoints = (y, zero, none), (zero, m2, none)
+        equations_pullback(self._kinematics, state, adjoints, forces=False)
 
     def _directions(self, y: Array) -> tuple[Array, Array]:
         """Left and right singular vectors of the Jacobian with non-zero singular values."""
@@ -266,10 +265,8 @@ class _Closure:
         _refuse_open(model, rate, size, _OPEN * speed, units, what)
         return v
 
-    def moving_pullback(
-        self, y: Array, before: Array, v: Array, v_bar: Array
-    ) -> tuple[Array, Array]:
-        """Transpose of :meth:`moving` with respect to y and the markers' shape functions.
+    def moving_pullback(self, y: Array, before: Array, v: Array, v_bar: Array) -> Array:
+        """Transpose of :meth:`moving` with respect to y, (size,), and the markers' shape functions.
 
         The velocities are v = before - D C_y^T mu with C_y v + C_t = 0. The derivative is the one
         of mu . C_y x + t . (C_y v + C_t) at fixed mu, t, x and v, with
@@ -283,7 +280,7 @@ class _Closure:
         x = np.zeros_like(y)
         x[self.rigid] = -(self.column**2) * (v_bar + full.T @ t)[self.rigid]
         adjoints = x, np.zeros(self.model.rows), -t
-        return equations_pullback(self.model.arrays, (y, v, -mu), adjoints, forces=False)
+        return equations_pullback(self._kinematics, (y, v, -mu), adjoints, forces=False)
 
 
 def _refuse_open(

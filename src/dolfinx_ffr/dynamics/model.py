@@ -34,6 +34,8 @@ from .kinematics import (
 )
 from .tables import TimeTables
 
+#: Fields of the arrays with one row for each instant, as `TimeTables.tabulate` gives them
+OVER_TIME = ("gravity", "prescribed", "prescribed_turn", "drive", "load_table")
 #: Rows of all joints and elements of all forces, with the names of these
 Connected = tuple[list[tuple[Row, str]], list[tuple[Element, str]]]
 
@@ -74,6 +76,11 @@ class FlatModel(Shown):
         """The same mechanism, tabulated at other times (instants,) [s]."""
         tables = self.tables.tabulate(np.append(times, times[0] + self.offset))
         return replace(self, arrays=self.arrays._replace(**tables), times=times)
+
+    def between(self, begin: int, end: int) -> ModelArrays:
+        """The arrays with the tables of the instants from number ``begin`` to before ``end``."""
+        tables = {name: getattr(self.arrays, name)[begin:end] for name in OVER_TIME}
+        return self.arrays._replace(**tables)
 
     def stated_by(self, mechanism: Mechanism, *, tabulated: bool = True) -> FlatModel:
         """Another mechanism at the same instants, and with the same angles counted.

@@ -93,7 +93,7 @@ def _followed_modes(trajectory: Trajectory) -> Iterator[tuple[str, float, float,
     vector (modes of the body,) that takes elastic coordinates to the coordinate of the mode.
     """
     model, end = trajectory.model, float(trajectory.t[-1])
-    step = float(np.median(np.diff(trajectory.step_ends)))
+    step = end / (trajectory.step_ends.size - 1)
     for b, (name, body) in enumerate(model.bodies.items()):
         if not body.modes:
             continue

@@ -217,8 +217,9 @@ class RadauIIA(Integrator):
             raise SimulationError(NO_START, so_far)
         start.w[0], start.multipliers[0] = found
         if self.steps is not None:
-            march_state = _March(self, model, start)
-            march_state.in_steps(_step_ends(self, _jumps_inside(model, self)))
+            ends = _step_ends(self, _jumps_inside(model, self))
+            march_state = _March(self, model.at(_stage_times(ends)), start)
+            march_state.in_steps(ends)
             return march_state.trajectory()
         loads = load_steps(model.tables, self.end_time, FEWER_SAMPLES)
         # no step follows the forces under a load that is noise
@@ -429,14 +430,18 @@ class _March:
 
     def trajectory(self) -> Trajectory:
         """The motion so far."""
-        rows = _Rows.joined(self.parts)
-        return _trajectory(self.integrator, self.model.at(rows.t), rows, self.norms)
+        rows, model = _Rows.joined(self.parts), self.model
+        if not np.array_equal(rows.t, model.times):
+            model = model.at(rows.t)
+        return _trajectory(self.integrator, model, rows, self.norms)
 
     def in_steps(self, ends: Array) -> None:
-        """Take all steps with the given ends, the start first."""
+        """Take all steps with the given ends, the start first; their stages are tabulated."""
         at_jumps = np.flatnonzero(np.isin(ends, _jumps_inside(self.model, self.integrator)))
         for first, last in pairwise([0, *at_jumps, ends.size - 1]):
-            status, good, rows = self.advance(ends[first : last + 1], math.inf)
+            arrays = self.model.between(3 * first, 3 * last + 1)
+            kinematics = Kinematics(arrays, self.parts[-1].turns[-1:])
+            status, good, rows = self.advance(ends[first : last + 1], math.inf, kinematics)
             if status != CONVERGED:
                 raise self.failure(rows, good, status)
 
@@ -477,10 +482,13 @@ class _March:
             if h < _SHORTEST * duration:
                 raise self.failure(rows, good, status)
 
-    def advance(self, ends: Array, limit: float) -> tuple[int, int, _Rows]:
+    def advance(
+        self, ends: Array, limit: float, kinematics: Kinematics | None = None
+    ) -> tuple[int, int, _Rows]:
         """Take steps from ends[0], the present time, to the others.
 
-        Gives the outcome, the number of good steps and all steps that were tried.
+        The equations of motion are tabulated at the stages of the steps where no `kinematics` are
+        given. Gives the outcome, the number of good steps and all steps that were tried.
         """
         last = self.parts[-1]
         rows = _Rows.empty(_stage_times(ends), self.model)
@@ -491,7 +499,8 @@ class _March:
         if last.errors.size and not self._jumps(rows):
             before = float(last.t[-1] - last.t[-4])
             stages.w_before[:], stages.lam_before[:] = last.w[-3:], last.multipliers[-3:]
-        kinematics = self._kinematics_at(rows.t, last.turns[-1:])
+        if kinematics is None:
+            kinematics = self._kinematics_at(rows.t, last.turns[-1:])
         kinematics.begin(rows.y[0])
         status = march(kinematics.table, Table(stages), self.system, self.small, before, limit)
         good = int(stages.last[0])

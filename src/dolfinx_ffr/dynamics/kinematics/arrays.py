@@ -236,7 +236,8 @@ def work_arrays(model: Arrays) -> Work:
 
 def counts_turns(model: Arrays) -> bool:
     """Whether there are angles whose full turns are counted from step to step."""
-    return bool(np.any(model.kind >= ANGLE))  # ANGLE, GEAR and MESH are the last kinds
+    # ANGLE, GEAR and MESH are the last kinds
+    return bool(model.kind.max(initial=-1) >= ANGLE)
 
 
 def size(model: Arrays) -> int:

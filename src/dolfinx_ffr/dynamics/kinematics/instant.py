@@ -190,25 +190,24 @@ def applied_forces(model: ModelArrays, y: Array, v: Array, turns: Array | None =
 
 
 def equations_pullback(
-    model: ModelArrays,
+    kinematics: Kinematics,
     state: tuple[Array, Array, Array],
     adjoints: tuple[Array, Array, Array],
     *,
     forces: bool,
-) -> tuple[Array, Array]:
-    """Minus the derivatives of Q at the first instant, at fixed v, lam and adjoints.
+) -> Array:
+    """Minus the derivative of Q by y at the first instant, at fixed v, lam and adjoints, (n,).
 
         Q = x . (C_y^T lam - z_y^T F) + m2 . C + m3 . dC/dt
 
     with the state y, v, lam and the adjoints x, m2, m3; the forces F at markers count if asked for.
-    Derivatives are those by y, shape (n,), and by the markers' shape functions, as
-    :attr:`Kinematics.marker_bars` has them.
+    The derivatives by the markers' shape functions are added to :attr:`Kinematics.marker_bars`.
     """
-    kinematics = Kinematics(model)
     y, v, multipliers = state
     kinematics.set(y, v, None, multipliers)
     eq = kinematics.equations
+    eq.y_bar[:] = 0.0
     eq.adjoint[:], eq.on_values[:], eq.on_rates[:] = adjoints
     kinematics.evaluate(0, CONSTRAINTS)
     kinematics.pullback(0, ROWS | OTHER_FORCES if forces else ROWS)
-    return eq.y_bar, kinematics.marker_bars
+    return eq.y_bar.copy()

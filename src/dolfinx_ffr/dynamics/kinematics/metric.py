@@ -46,14 +46,13 @@ def largest_length(model: ModelArrays) -> float:
     It is that of an arm of a marker, a prescribed position, a distance or a way along a line.
     """
     of_point, ours = model.vector_kind == OF_POINT, model.vector_body >= 0
-    points, prescribed = of_point & ours, of_point & ~ours
-    places = model.prescribed[:1, model.vector_slot[prescribed], 0]
+    arms = np.linalg.norm(model.shapes[of_point & ours, :, 0], axis=-1)
+    places = model.prescribed[0, model.vector_slot[of_point & ~ours], 0]
     # the same kinds of rows hold angles, between spins
-    between_points = np.any(of_point[model.side] & (model.side >= 0), axis=1)
-    rows = between_points & np.isin(model.kind, (POINT, PLANE, DISTANCE))
-    ways = model.drive[:1, rows, 0]
-    lengths = (np.linalg.norm(model.shapes[points, :, 0], axis=-1), np.abs(places), np.abs(ways))
-    return max(float(np.max(each, initial=0.0)) for each in lengths)
+    kind, of_length = model.kind, of_point[model.side[:, 0]]
+    of_length &= (kind == POINT) | (kind == PLANE) | (kind == DISTANCE)
+    ways = model.drive[0, of_length, 0]
+    return float(max(np.abs(lengths).max(initial=0.0) for lengths in (arms, places, ways)))
 
 
 def norm_floors(model: ModelArrays, duration: float) -> Array:
