@@ -57,31 +57,33 @@ def with_moved_boundaries(
     free = {n: part for n, part in result.designs.items() if n not in designs}
     others = {n: part.point(result.variables[n]) for n, part in free.items()} | full
     options = others, steps, None, tolerance, progress, checkpoint
+    parts: dict[str, Part | Solid] = {}
     try:
         with on_every_rank(ranks_of(result.problem), "steps of the boundary"):
-            found = moved(result.problem, _drawn(result, designs), bound, *options)
+            found = moved(result.problem, _drawn(result, designs, parts), bound, *options)
     except (CheckpointError, OSError):
         raise
     except Exception as error:  # the densities are a result, whatever has failed after them
         over = f" and violates {list(result.violations)}" if result.violations else ""
         cause = _HAIRLINES if isinstance(error, CurveError) else _described(error)
         warn(f"optimize: the boundary stays as the mesh has drawn it{over}: {cause}")
-        return with_checked_parts(result, unmoved=True, progress=progress)
+        return with_checked_parts(result, parts, unmoved=True, progress=progress)
     # the part may keep bounds that the densities have missed
     kept = result.reason == "infeasible" and not found.violations
     reason = "iterations" if kept else result.reason
     return replace(result, moved=found, violations=found.violations, reason=reason)
 
 
-def _drawn(result: Result, designs: Mapping[str, Design]) -> dict[str, Boundary | Surface]:
-    """The boundaries of the parts that designs enclose."""
+def _drawn(
+    result: Result, designs: Mapping[str, Design], parts: dict[str, Part | Solid]
+) -> dict[str, Boundary | Surface]:
+    """The boundaries of the parts that designs enclose; the parts are added to ``parts``."""
     boundaries: dict[str, Boundary | Surface] = {}
     for name, design in designs.items():
-        flat = design.domain.dimension == 2
         with warnings.catch_warnings():
             # the steps begin without loose pieces, and psi that is told is without them
             warnings.simplefilter("ignore", LoosePieceWarning)
-            part = result.enclosed(name, **(_ROUGHLY if flat else {}))
+            part = parts[name] = _rough_part(result, name)
         mirrors = design.mirrors if isinstance(design, LevelSet) else ()
         member, gap = _sizes(design)
         options: dict[str, Any] = {"rim": design.hole_rim, "mirrors": mirrors}
@@ -94,6 +96,12 @@ def _drawn(result: Result, designs: Mapping[str, Design]) -> dict[str, Boundary 
     return boundaries
 
 
+def _rough_part(result: Result, name: str) -> Part | Solid:
+    """The part that a design encloses, its curves smoothed by more where it is flat."""
+    flat = result.problem.flexible[name].domain.dimension == 2
+    return result.enclosed(name, **_ROUGHLY) if flat else result.part(name)
+
+
 def _described(error: Exception) -> str:
     """What an error says; of one that is not meant for users also its kind and its place."""
     if isinstance(error, ValueError | SimulationError | TrialFailed):
@@ -103,8 +111,16 @@ def _described(error: Exception) -> str:
     return f"{type(error).__name__}, {where}: {error}"
 
 
-def with_checked_parts(result: Result, *, unmoved: bool = False, progress: bool = False) -> Result:
+def with_checked_parts(
+    result: Result,
+    parts: Mapping[str, Part | Solid] | None = None,
+    *,
+    unmoved: bool = False,
+    progress: bool = False,
+) -> Result:
     """The result, and as violations that no part comes of a design, or what it lacks.
+
+    Those of the ``parts`` that have been made are given, by name of the body.
 
     Designs that have not become as sharp as they may are gray, which is said elsewhere; they are
     looked at where their boundaries could not be moved (``unmoved``). There the parts are verified
@@ -123,11 +139,10 @@ def with_checked_parts(result: Result, *, unmoved: bool = False, progress: bool 
     for name, finished in sharp.items():
         if not (finished or unmoved):
             continue
-        flat = result.problem.flexible[name].domain.dimension == 2
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PartWarning)
-                part = result.enclosed(name, **_ROUGHLY) if flat else result.part(name)
+                part = (parts or {}).get(name) or _rough_part(result, name)
         except (ValueError, GEOSException) as error:
             deny(result, [name], error, 5)
             torn = True
