@@ -18,6 +18,7 @@ from dolfinx_ffr.boundary_field import (
     FieldSpace,
     FittedNodes,
     SizeRows,
+    first_field,
     mended,
     redistanced,
 )
@@ -182,6 +183,23 @@ def test_sizes_are_mended_by_small_motions() -> None:
     assert SizeRows.of(field).violation > 0.1
     for _ in range(2):
         field = mended(field, MEMBER)
+    assert SizeRows.of(field).violation < 2e-3
+    thinnest = field.part.thinnest_member
+    assert thinnest is not None and thinnest.value > 0.99 * MEMBER
+
+
+@pytest.mark.parametrize("width", [0.4, 0.8])
+def test_thin_members_are_widened_before_the_first_field(width: float) -> None:
+    """In one piece: between two voids, between a void and the outline, and beside a rim."""
+    space = plate()
+    middle = 0.5 * width * MEMBER
+    voids = [
+        shapely.box(0.08, -0.02, 0.11 - middle, 0.03 - 2.0 * middle),
+        shapely.box(0.11 + middle, -0.02, 0.14, 0.02),
+    ]
+    material = space.body.outline.difference(shapely.union_all(voids))
+    field = first_field(space, material)
+    assert field.part.holes == 3
     assert SizeRows.of(field).violation < 2e-3
     thinnest = field.part.thinnest_member
     assert thinnest is not None and thinnest.value > 0.99 * MEMBER

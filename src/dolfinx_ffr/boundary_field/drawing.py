@@ -191,6 +191,12 @@ class FieldDrawing:
             square = np.maximum(np.sum(gradient**2, axis=1), 1e-12)
             way = np.clip(value / square, -most / np.sqrt(square), most / np.sqrt(square))
             points = points - way[:, None] * gradient
+        # where the zero is a little beyond the outline, as at a notch of it, this is the boundary
+        shapely.prepare(self._body.designed)
+        beyond = np.flatnonzero(~shapely.intersects_xy(self._body.designed, *points.T))
+        if len(beyond):
+            lines = shapely.shortest_line(self._body.designed, shapely.points(points[beyond]))
+            points[beyond] = shapely.get_coordinates(lines)[::2]
         for run, moved in zip(
             runs, np.split(points, np.cumsum([len(x) for x in inner])[:-1]), strict=True
         ):

@@ -228,7 +228,7 @@ class FieldSpace:
 def _distance_to_outline(body: Domain, grid: SplineGrid) -> Array:
     """The distance from the outer edge of a body at each variable, negative outside [m].
 
-    A spline field of a distance is less than it where the edge is curved or has a corner, which a
+    A spline field of a distance differs from it where the edge is curved or has a corner, which a
     few corrections of the variables make good.
     """
     edges = [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(body.outline)]
@@ -239,7 +239,8 @@ def _distance_to_outline(body: Domain, grid: SplineGrid) -> Array:
     distance = sign * shapely.distance(inside.boundary, points)
     values, upper = grid.rows(grid.nodes), distance
     for _ in range(4):
-        upper = upper + np.clip(distance - values @ upper, 0.0, 0.5 * grid.spacing)
+        error = distance - values @ upper
+        upper = upper + np.clip(error, -0.5 * grid.spacing, 0.5 * grid.spacing)
     return np.asarray(upper)
 
 

@@ -115,7 +115,9 @@ def _radii(field: BoundaryField, least: float) -> tuple[Array, csr_matrix, Array
     options, edge, grid = field.space.options, field.edge, field.space.grid
     points = edge.points[edge.moves]
     turn, by_variables = _curvature(field, points)
-    sharp = np.abs(turn) * least * options.seen > 1.0
+    # a line that ends at what stays solid has a corner there
+    free = shapely.distance(field.space.solid, shapely.points(points)) > least
+    sharp = free & (np.abs(turn) * least * options.seen > 1.0)
     points, turn = points[sharp], turn[sharp]
     chosen = _one_of_each_place(field, points, -np.abs(turn))
     points, turn = points[chosen], turn[chosen]

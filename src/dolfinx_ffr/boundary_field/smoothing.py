@@ -7,10 +7,13 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.spatial import cKDTree
 
-from ..arrays import Integers, Mask
+from ..arrays import Array, Integers, Mask
 from .field import SMOOTH, BoundaryField
 from .projection import Projection
 from .sizes import SizeRows
+
+#: Rounds in which variables that would leave their bounds are found
+_BOUNDS = 3
 
 
 def metric(field: BoundaryField) -> csc_matrix:
@@ -51,14 +54,33 @@ def mended(field: BoundaryField, reach: float) -> BoundaryField:
         rows = SizeRows.of(field)
         if rows.violation <= 1e-3:
             break
-        projection = Projection(
-            metric(field), free_variables(field), np.zeros(len(field.variables)), rows.slopes
-        )
-        motion, _ = projection.step(np.minimum(rows.values, options.at_once), 1.0)
+        violations = np.minimum(rows.values, options.at_once)
+        motion = _within_bounds(field, metric(field), free_variables(field), rows, violations)
         longest = float(np.max(np.abs(motion), initial=0.0))
         motion *= min(1.0, reach / max(longest, 1e-300))
         field = field.with_variables(field.variables + motion)
     return field
+
+
+def _within_bounds(
+    field: BoundaryField,
+    matrix: csc_matrix,
+    free: Mask,
+    rows: SizeRows,
+    violations: Array,
+    slope: Array | None = None,
+) -> Array:
+    """The best motion by a metric and a slope; variables at bounds that would leave these stay."""
+    slope = np.zeros(len(field.variables)) if slope is None else slope
+    at_bound = field.variables >= field.space.upper - 1e-9
+    motion = np.zeros(len(field.variables))
+    for _ in range(_BOUNDS):
+        motion, _ = Projection(matrix, free, slope, rows.slopes).step(violations, 1.0)
+        leaving = free & at_bound & (motion > 0.0)
+        if not np.any(leaving):
+            break
+        free = free & ~leaving
+    return motion
 
 
 def is_uneven(field: BoundaryField) -> bool:
@@ -93,6 +115,7 @@ def redistanced(field: BoundaryField) -> BoundaryField:
     matrix = csc_matrix(matrix + far * (at_nodes.T @ at_nodes + SMOOTH * grid.bending))
     right = -outward.T @ edge.lengths[moves] / spacing + far * at_nodes.T @ target
     rows = SizeRows.of(field)
-    projection = Projection(matrix, ~space.held, matrix @ field.variables - right, rows.slopes)
-    motion, _ = projection.step(np.minimum(rows.values, options.at_once), 1.0)
+    violations = np.minimum(rows.values, options.at_once)
+    slope = matrix @ field.variables - right
+    motion = _within_bounds(field, matrix, ~space.held, rows, violations, slope)
     return field.with_variables(field.variables + motion)

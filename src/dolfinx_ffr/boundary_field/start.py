@@ -11,7 +11,6 @@ import numpy as np
 import shapely
 
 from ..arrays import Array
-from ..part import Part
 from .field import BoundaryField, FieldSpace, spread
 from .sizes import opposite
 from .smoothing import mended, redistanced
@@ -20,9 +19,9 @@ from .smoothing import mended, redistanced
 _ROUNDS = 3
 
 
-def first_field(space: FieldSpace, part: Part) -> BoundaryField:
-    """The field whose zero is the free boundary of a ``part``, as near as minimum sizes allow."""
-    field = redistanced(space.of_material(_with_sizes(space, part.polygon)))
+def first_field(space: FieldSpace, material: shapely.Geometry) -> BoundaryField:
+    """The field whose zero is the free boundary of a ``material``, as near as sizes allow."""
+    field = redistanced(space.of_material(_with_sizes(space, material)))
     for _ in range(_ROUNDS):
         field = mended(field, space.options.longest_reach * space.member)
     return field
@@ -34,7 +33,17 @@ def _with_sizes(space: FieldSpace, material: shapely.Geometry) -> shapely.Geomet
     whole = shapely.union_all([material, space.solid, _widening(space, material)])
     closed = whole.buffer(share * space.gap).buffer(-share * space.gap).intersection(body)
     opened = closed.buffer(-share * space.member).buffer(share * space.member)
-    return shapely.union(opened, space.solid).intersection(body)
+    # corners as round as splines can show
+    round_ = max(space.options.spare * space.radius, space.grid.spacing)
+    void = _rounded(body.difference(shapely.union(opened, space.solid)), round_)
+    return shapely.union(_rounded(body.difference(void), round_), space.solid)
+
+
+def _rounded(shape: shapely.Geometry, radius: float) -> shapely.Geometry:
+    """A shape without its corners; what is too narrow for the ``radius`` is no corner and stays."""
+    opened = shape.buffer(-radius).buffer(radius)
+    left = shapely.get_parts(shape.difference(opened))
+    return shapely.union_all([opened, *left[shapely.area(left) > radius**2]])
 
 
 def _widening(space: FieldSpace, material: shapely.Geometry) -> shapely.Geometry:
