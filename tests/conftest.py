@@ -5,9 +5,9 @@ Every rank runs the same session, so that collective calls meet:
 
 * with more than one rank only the tests marked ``mpi`` are selected; with more than two, the first
   case of each, and outside of the folders where ranks share fields only those about ranks;
-  ``BUT_THOSE_OF_THREE`` leaves these out of a run with two, beside which one with three is made,
-  and with them the further cases in the folders where ranks share fields: they hold other meshes
-  and laws, which the serial session has, to the same agreement of the ranks;
+  ``BESIDE_THREE`` leaves these out of a run with two, beside which one with three is made, and has
+  the first case of each of the others: further ones hold other meshes, laws and messages, which
+  the serial session has, to the same agreement of the ranks;
 * the ranks agree on the outcome of each phase of each test over a communicator of their own: a test
   that fails anywhere fails everywhere, with the reason from the rank that knows it;
 * a rank that does not come to this agreement hangs in a collective call that another rank has left
@@ -81,8 +81,11 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """With several ranks, pass over modules without a test for them: imports take seconds."""
     if AGREEMENT.size > 1 and collection_path.match("test_*.py"):
         text, folder = collection_path.read_text(), collection_path.parent.name
-        none = "mark.mpi" not in text or (AGREEMENT.size > 2 and not _with_three(folder, text))
-        return True if none else None
+        if "mark.mpi" not in text:
+            return True
+        if AGREEMENT.size > 2:
+            return None if _with_three(folder, text) else True
+        return True if os.environ.get("BESIDE_THREE") and folder in SHARED else None
     return None
 
 
@@ -96,19 +99,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             items.sort(key=lambda item: item.get_closest_marker("slow") is None)
         return
     chosen = [item for item in items if item.get_closest_marker("mpi")]
-    first: dict[str, pytest.Item] = {}
+    first_cases: dict[str, pytest.Item] = {}
     for item in chosen:
-        name = item.nodeid.partition("[")[0]
-        if _with_three(item.path.parent.name, name):
-            first.setdefault(name, item)
-    if AGREEMENT.size > 2:
-        chosen = list(first.values())
-    elif os.environ.get("BUT_THOSE_OF_THREE"):
+        first_cases.setdefault(item.nodeid.partition("[")[0], item)
+    if AGREEMENT.size > 2 or os.environ.get("BESIDE_THREE"):
         chosen = [
             item
-            for item in chosen
-            if item.path.parent.name not in SHARED
-            and item != first.get(item.nodeid.partition("[")[0])
+            for name, item in first_cases.items()
+            if _with_three(item.path.parent.name, name) == (AGREEMENT.size > 2)
         ]
     config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
     items[:] = chosen

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The test suite. All three sessions run even when one fails: all tests serially, in two processes at a time, then those
-# marked `mpi` with 2 ranks and beside them a part of these with 3 (tests/conftest.py). Arguments go to pytest; a
+# The test suite. All three sessions run even when one fails: all tests serially, in two processes at a time, then a case of
+# each of those marked `mpi` with 2 ranks or, beside them, with 3 (tests/conftest.py). Arguments go to pytest; a
 # session in which they select nothing is then no failure, unless they select nothing in any. Called by `make test` and
 # `make test-fast`, which do the set-up first. The first argument may be
 #   --fast       the serial tests that are not marked `slow`, alone
@@ -70,7 +70,7 @@ session() { # session NAME ARGUMENTS...: runs it, and leaves its line of the sum
     if [ "$name" = serial ]; then
         "$python" -m pytest -n 2 --dist loadscope --no-loadscope-reorder "$@"
     else
-        [ "$name" = "2 ranks" ] && [ $kind = all ] && export BUT_THOSE_OF_THREE=1
+        [ "$name" = "2 ranks" ] && [ $kind = all ] && export BESIDE_THREE=1
         # more ranks than cores: those that wait let the others work
         OMPI_MCA_mpi_yield_when_idle=1 mpirun -n "${name% *}" "$python" -m pytest -m mpi "$@" -n 0
     fi

@@ -302,16 +302,18 @@ def test_work_is_the_growth_of_energy(name: str) -> None:
         np.testing.assert_allclose(growth - growth[0], work, atol=share * scale)
 
 
-@every
+#: In the plane the scenes of test_adjoint.py, which have every joint and force, are for Radau IIA
+BY_RADAU = [(ffr.RadauIIA(0.2, steps=8), *run) for run in RUNS if run[1] == 3]
+BY_ALPHA = [(ffr.GeneralizedAlpha(0.2, 24), *run) for run in RUNS]
+
+
 @pytest.mark.parametrize(
-    "integrator",
-    [
-        pytest.param(ffr.RadauIIA(0.2, steps=8), marks=pytest.mark.slow, id="radau"),
-        pytest.param(ffr.GeneralizedAlpha(0.2, 24), id="alpha"),
-    ],
+    ("integrator", "name", "dimension", "rows", "make"),
+    [*BY_ALPHA, *(pytest.param(*case, marks=pytest.mark.slow) for case in BY_RADAU)],
+    ids=lambda value: value if isinstance(value, str) else type(value).__name__[:7],
 )
 def test_taylor_order(
-    name: str, dimension: int, rows: int, make: Make, integrator: Integrator
+    integrator: Integrator, name: str, dimension: int, rows: int, make: Make
 ) -> None:
     """By all integrals of the bodies, also those at markers, of numbers of motions and forces."""
     frame = Frame(dimension)

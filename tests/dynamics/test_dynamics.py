@@ -62,9 +62,8 @@ def change_basis(body: ffr.VolumeIntegrals, T: Array) -> ffr.VolumeIntegrals:
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("seed", [0, 1])
-def test_objective_does_not_depend_on_the_basis(name: str, seed: int) -> None:
-    scene, rng = SCENES[name](), np.random.default_rng(seed)
+def test_objective_does_not_depend_on_the_basis(name: str) -> None:
+    scene, rng = SCENES[name](), np.random.default_rng(0)
     bodies = {
         key: change_basis(body, rng.normal(size=(body.modes, body.modes)))
         for key, body in scene.bodies.items()
@@ -163,19 +162,22 @@ def check_published(path: Callable[[int], Array], exact: Array, steps: Array) ->
     assert np.max(np.abs(values[-1] - exact)) < 1e-6
 
 
+#: Of the right end of the first crank of the parallelograms [m], by time [s]
+PARALLELOGRAMS = {
+    1.0: (-0.1950203019, -0.9807992057),
+    5.0: (-0.8113104610, -0.5846155454),
+    10.0: (0.3284581115, 0.9445185382),
+}
+
+
 @pytest.mark.slow
 def test_parallelograms_through_their_singular_positions() -> None:
-    reference = {
-        1.0: (-0.1950203019, -0.9807992057),
-        5.0: (-0.8113104610, -0.5846155454),
-        10.0: (0.3284581115, 0.9445185382),
-    }
-
     def path(steps: int) -> Array:
         t = ffr.simulate(*parallelograms(), ffr.GeneralizedAlpha(10.0, steps))
-        return t.marker_path("crank 0", "right")[[round(time * steps / 10.0) for time in reference]]
+        indices = [round(time * steps / 10.0) for time in PARALLELOGRAMS]
+        return t.marker_path("crank 0", "right")[indices]
 
-    check_published(path, np.array(list(reference.values())), np.array([2000, 4000, 8000]))
+    check_published(path, np.array(list(PARALLELOGRAMS.values())), np.array([2000, 4000, 8000]))
 
 
 @pytest.mark.slow
@@ -183,9 +185,8 @@ def test_parallelograms_through_their_singular_positions() -> None:
 @pytest.mark.parametrize(
     ("integrator", "limit"),
     [
-        pytest.param(ffr.GeneralizedAlpha(10.0, 8000, 1.0), 2e-4, marks=pytest.mark.slow),
-        pytest.param(ffr.GeneralizedAlpha(10.0, 16000, 1.0), 2e-4, marks=pytest.mark.slow),
-        (ffr.RadauIIA(10.0, tolerance=1e-10), 5e-6),
+        (ffr.GeneralizedAlpha(10.0, 8000, 1.0), 2e-4),
+        (ffr.RadauIIA(5.0, tolerance=1e-10), 5e-6),
     ],
 )
 def test_singular_positions_without_damping_and_by_radau(
@@ -194,8 +195,8 @@ def test_singular_positions_without_damping_and_by_radau(
     """To Radau's method links in line add errors that no step has made."""
     t = ffr.simulate(*parallelograms(), integrator)
     end = t.marker_path("crank 0", "right")[-1]
-    assert end == pytest.approx((0.3284581115, 0.9445185382), abs=limit)
-    assert t.step_ends.size < 2000 or isinstance(integrator, ffr.GeneralizedAlpha)
+    assert end == pytest.approx(PARALLELOGRAMS[integrator.end_time], abs=limit)
+    assert t.step_ends.size < 1000 or isinstance(integrator, ffr.GeneralizedAlpha)
 
 
 def test_equal_link_slider_crank_through_its_singular_position() -> None:
@@ -262,8 +263,9 @@ def solution(make: Callable[[], tuple[Scene, int]]) -> list[np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [soft_slider_crank, pendulum])
-@pytest.mark.parametrize("radius", [0.5, 0.8, 1.0])
+@pytest.mark.parametrize(
+    ("make", "radius"), [(soft_slider_crank, 0.5), (soft_slider_crank, 1.0), (pendulum, 0.8)]
+)
 def test_order_two_in_positions_velocities_and_multipliers(
     make: Callable[[], tuple[Scene, int]], radius: float
 ) -> None:

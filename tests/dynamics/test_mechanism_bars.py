@@ -256,12 +256,10 @@ def two(make: Callable[[int, int], ffr.VolumeIntegrals]) -> dict[str, ffr.Volume
 ALPHA, RADAU = ffr.GeneralizedAlpha(0.3, 30), ffr.RadauIIA(0.3, steps=10)
 SCENES = {
     "pendulum": Scene(machine, PENDULUM, bodies(), ALPHA),
-    "pendulum radau": Scene(machine, PENDULUM, bodies(), RADAU),
     "linked": Scene(linked, LINKED, bodies(), ALPHA),
     "chain": Scene(chain, CHAIN, two(stiffened_cloud), ALPHA),
     "chain radau": Scene(chain, CHAIN, two(stiffened_cloud), RADAU),
     "settled": Scene(settled, SETTLED, two(cloud), ALPHA),
-    "settled radau": Scene(settled, SETTLED, two(cloud), RADAU),
     "geared": Scene(geared, GEARED, two(lambda _, seed: cloud(0, seed)), ALPHA),
     "toothed": Scene(toothed(2), TOOTHED, two(flat_cloud), ALPHA),
     "toothed radau": Scene(toothed(2), TOOTHED, two(flat_cloud), RADAU),

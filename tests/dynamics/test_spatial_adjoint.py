@@ -68,7 +68,9 @@ def test_taylor_order(case: tuple[Case, Bodies]) -> None:
     derivatives.check_slope(value, slope, 2e-4, ratio=10.0**0.5, points=4)
 
 
+# How each part enters the equations does not depend on the time integration.
 @pytest.mark.slow
+@pytest.mark.parametrize("case", ["loop", "stiffened", "settled", "spun"], indirect=True)
 @pytest.mark.parametrize("part", ["mass", "S", "P", "K", "markers", "stiffening"])
 def test_derivatives_with_respect_to_each_part(case: tuple[Case, Bodies], part: str) -> None:
     made, gradient = case

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import subprocess
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
@@ -31,16 +34,13 @@ print(directory, flush=True)
 square = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
 x = ufl.SpatialCoordinate(square)
 print(fem.assemble_scalar(fem.form(x[0] ** int(sys.argv[1]) * ufl.dx)), flush=True)
-if len(sys.argv) > 2:
-    sys.stdin.read()
 """
 
 
-def start(cache: Path, *arguments: str, **variables: str) -> subprocess.Popen[str]:
+def start(cache: Path, exponent: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        processes.command("-c", COMPILE, *arguments),
-        env=processes.environment(XDG_CACHE_HOME=str(cache), **variables),
-        stdin=subprocess.PIPE,
+        processes.command("-c", COMPILE, exponent),
+        env=processes.environment(XDG_CACHE_HOME=str(cache)),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -89,21 +89,23 @@ def test_run_killed_while_compiling_leaves_nothing_in_the_way(tmp_path: Path) ->
     assert value == pytest.approx(1 / 4)
 
 
-@pytest.mark.slow
-def test_living_session_keeps_its_directory(tmp_path: Path) -> None:
-    first = start(tmp_path, "2", "wait")
-    assert first.stdout is not None
-    held = Path(first.stdout.readline().strip())
-    first.stdout.readline()
-    (held / "libffcx_forms_abc.c").touch()
-    other, _ = finish(start(tmp_path, "2"))
-    assert other == held.with_name("forms-1")
-    assert (held / "libffcx_forms_abc.c").exists(), "a living session's form was removed"
-    libraries = list(held.glob("*.so"))
-    assert libraries and all(path.samefile(other / path.name) for path in libraries)
-    assert not (other / "libffcx_forms_abc.c").exists(), "an unfinished form was taken over"
-    first.communicate("")
-    assert first.returncode == 0
+def test_living_session_keeps_its_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another one has a directory beside it, with links to the forms that are finished."""
+    monkeypatch.setattr(form_cache, "_lock", None)
+    first = form_cache._claim_first_free(tmp_path)
+    lock = form_cache._lock
+    for name in ("finished.c", "finished.c.cached", "finished.x.so", "unfinished.c"):
+        (first / name).touch()
+    other = form_cache._claim_first_free(tmp_path)
+    assert other == first.with_name("forms-1")
+    assert (first / "unfinished.c").exists(), "a living session's form was removed"
+    assert (first / "finished.x.so").samefile(other / "finished.x.so")
+    assert not (other / "unfinished.c").exists(), "an unfinished form was taken over"
+    for descriptor in (lock, form_cache._lock):
+        assert descriptor is not None
+        os.close(descriptor)
 
 
 def test_what_others_finish_later_is_taken_over(
@@ -128,28 +130,37 @@ def test_what_others_finish_later_is_taken_over(
         time.sleep(0.02)
 
 
-@pytest.mark.slow
-def test_unusable_cache_directory_is_replaced_by_one_that_is_kept(tmp_path: Path) -> None:
-    no_directory, temporary = tmp_path / "file", tmp_path / "tmp"
-    no_directory.touch()
-    temporary.mkdir()
-    directory, value = finish(start(no_directory, "2", TMPDIR=str(temporary)))
-    assert value == pytest.approx(1 / 3)
-    assert directory == temporary / f"dolfinx_ffr-{os.getuid()}" / "forms-0"
-    assert list(directory.glob("*.so"))  # after its end, for the next run
+@pytest.fixture
+def no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where temporary files are; the cache directory of the user is a file."""
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(form_cache, "_quiet", form_cache._Announcement())
+    return tmp_path
 
 
-@pytest.mark.slow
-def test_without_any_place_forms_are_removed_and_that_is_said(tmp_path: Path) -> None:
-    no_directory, temporary = tmp_path / "file", tmp_path / "tmp"
-    no_directory.touch()
-    temporary.mkdir()
-    (temporary / f"dolfinx_ffr-{os.getuid()}").touch()
-    process = start(no_directory, "2", TMPDIR=str(temporary))
-    output, errors = process.communicate(timeout=300)
-    directory = Path(output.split()[0])
-    assert temporary in directory.parents and not directory.exists()
-    assert "compiling finite-element forms, in each run" in errors
+def test_unusable_cache_directory_is_replaced_by_one_that_is_kept(
+    no_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("atexit.register", None)
+    assert form_cache._pool() == no_cache / f"dolfinx_ffr-{os.getuid()}"
+
+
+def test_without_any_place_forms_are_removed_and_that_is_said(
+    no_cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (no_cache / f"dolfinx_ffr-{os.getuid()}").touch()
+    at_exit: list[Callable[[], None]] = []
+    register = lambda call, *args, **options: at_exit.append(partial(call, *args, **options))  # noqa: E731
+    monkeypatch.setattr("atexit.register", register)
+    pool = form_cache._pool()
+    assert no_cache in pool.parents and pool.is_dir()
+    record = logging.LogRecord("", logging.INFO, "distutils/spawn.py", 1, "gcc", (), None)
+    assert not form_cache._quiet.filter(record)
+    assert "compiling finite-element forms, in each run" in capsys.readouterr().err
+    at_exit[0]()
+    assert not pool.exists()
 
 
 @pytest.mark.mpi

@@ -210,9 +210,9 @@ def resolved(scene: Scene, tolerance: float) -> Array:
     return numbers(scene, integrate(scene.mechanism, scene.bodies, method))
 
 
-#: Random scenes by number: the last digit is the kind, the first the tolerance. Two of each kind
-#: and three to five of each tolerance, among them one whose accuracy cannot be had.
-CASES = (0, 3, 5, 12, 14, 17, 19, 21, 24, 26, 28, 29, 31, 32, 36, 38, 40, 43, 45, 47)
+#: Random scenes by number: the last digit is the kind, the first the tolerance. Each kind and two
+#: or three of each tolerance, among them one whose accuracy cannot be had.
+CASES = (0, 3, 12, 14, 17, 21, 26, 29, 32, 38, 43, 45)
 
 
 @pytest.mark.slow

@@ -75,8 +75,7 @@ def faults(part: ffr.Part | ffr.Solid, rim: float, member: float) -> list[str]:
     return [each.said for each in outline_violations(part, rim, member)]
 
 
-@pytest.mark.parametrize("boundary", [0, 1])
-@pytest.mark.parametrize(("scene", "holes"), [(plate, 1), (lever, 6)])
+@pytest.mark.parametrize(("scene", "holes", "boundary"), [(plate, 1, 0), (lever, 6, 1)])
 def test_drawn_holes_of_a_level_set(scene: Any, holes: int, boundary: int) -> None:
     domain, problem = scene()
     assert len(domain.holes) == holes

@@ -22,8 +22,7 @@ def reached(case: str, **options: Any) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", ["pulled_bar", "spinning_bar"])
-@pytest.mark.parametrize("ratio", known.RATIOS)
+@pytest.mark.parametrize(("case", "ratio"), [("pulled_bar", 0.05), ("spinning_bar", 0.25)])
 def test_bars_whose_areas_are_load_and_strength(case: str, ratio: float) -> None:
     """Of areas that are designed for frozen loads the best is up to twice as soft."""
     found = reached(case, ratio=ratio)
@@ -52,9 +51,8 @@ def test_the_highest_frequency_of_a_published_beam() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("chi", [0.25, 0.75])
-def test_an_arm_of_least_mass_for_a_stress(chi: float) -> None:
-    assert 1.0 <= reached("spinning_arm", chi=chi)["ours"] <= 1.01
+def test_an_arm_of_least_mass_for_a_stress() -> None:
+    assert 1.0 <= reached("spinning_arm", chi=0.75)["ours"] <= 1.01
 
 
 @pytest.mark.slow

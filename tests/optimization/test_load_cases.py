@@ -72,9 +72,8 @@ def test_constraints_of_each_load_case_hold(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.slow
 @pytest.mark.mpi
-@pytest.mark.parametrize("combine", [ffr.WorstCase(WEIGHTS), ffr.PowerMean(WEIGHTS)], ids=repr)
-def test_resumed_runs(comm: MPI.Intracomm, shared_tmp_path: Path, combine: ffr.Combination) -> None:
-    problem = three_load_cases(comm, combine, (20, 4), modes=3)
+def test_resumed_runs(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    problem = three_load_cases(comm, ffr.WorstCase(WEIGHTS), (20, 4), modes=3)
     whole = run(problem, iterations=6)
     options: dict[str, Any] = {"output": shared_tmp_path}
     first = run(problem, **options, iterations=3)

@@ -119,14 +119,10 @@ def hung_problem(comm: MPI.Comm, integrator: Any, start: ffr.mechanism.Start) ->
     return ffr.Problem({"rod": body}, mechanism, integrator, ffr.IntegralCompliance(), [bound])
 
 
-#: In the plane and in space, from assembled and static starts, with both integrators
+#: In the plane and in space, from assembled and static starts, with both integrators; all others
+#: are those of the tests of `parameter_slopes`
 SCENES = {
     "plane alpha": lambda comm: crank_problem(comm, ffr.GeneralizedAlpha(0.5, 60)),
-    "plane radau": lambda comm: crank_problem(comm, ffr.RadauIIA(0.5, steps=20)),
-    "space assembled": lambda c: hung_problem(c, ffr.GeneralizedAlpha(0.2, 40), ffr.Assembled()),
-    "space static": lambda c: hung_problem(
-        c, ffr.GeneralizedAlpha(0.2, 40), ffr.StaticEquilibrium()
-    ),
     "space static radau": lambda c: hung_problem(
         c, ffr.RadauIIA(0.2, steps=12), ffr.StaticEquilibrium()
     ),

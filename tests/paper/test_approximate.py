@@ -75,13 +75,7 @@ def test_all_elements_selected_is_exact(comm: MPI.Comm) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kernel",
-    [
-        pytest.param(ffr.ExponentialSpline(0.1), marks=pytest.mark.mpi),
-        ffr.Gaussian(0.01),
-        ffr.Multiquadric(0.01),
-        ffr.ThinPlate(),
-        ffr.Wendland(0.1),
-    ],
+    [pytest.param(ffr.ExponentialSpline(0.1), marks=pytest.mark.mpi), ffr.ThinPlate()],
     ids=lambda kernel: type(kernel).__name__,
 )
 def test_more_elements_less_error(comm: MPI.Comm, kernel: ffr.rbf.Kernel) -> None:

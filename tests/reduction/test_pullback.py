@@ -63,8 +63,8 @@ def design(body: ffr.FlexibleBody, where: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 CASES = [
-    *((kind, where) for kind in [*BODIES][:4] for where in ("smooth", "solid", "with void")),
-    *((kind, "symmetric" if kind == "square box" else "smooth") for kind in [*BODIES][4:]),
+    *(("bilinear", where) for where in ("solid", "with void")),
+    *((kind, "symmetric" if kind == "square box" else "smooth") for kind in BODIES),
     *(("bilinear", "thin"), ("triangles", "thin")),
 ]
 

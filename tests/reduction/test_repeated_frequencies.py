@@ -26,15 +26,12 @@ from dolfinx_ffr.reduction import CLUSTER, CraigBampton, FactoredBody, normal_mo
 
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
 BODIES: dict[str, Callable[[MPI.Intracomm], Domain]] = {
-    "square": lambda comm: plate(comm, 24),
     "coarse square": lambda comm: plate(comm, 11),
     "square with a hole": lambda comm: plate(comm, 16, hole=4),
     "square with a large hole": lambda comm: plate(comm, 12, hole=6),
-    "annulus": lambda comm: annulus(comm, 24, 3),
-    "coarse annulus": lambda comm: annulus(comm, 14, 3),
-    "square bar": lambda comm: bar(comm, 4, circular=False),
+    "annulus": lambda comm: annulus(comm, 14, 3),
     "round bar": lambda comm: bar(comm, 4, circular=True),
-    **{f"star of {n}": (lambda comm, n=n: star(comm, n)) for n in (3, 5, 8, 12)},
+    **{f"star of {n}": (lambda comm, n=n: star(comm, n)) for n in (5, 8)},
 }
 
 
@@ -148,10 +145,12 @@ def test_the_same_on_several_ranks(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-11])
 @pytest.mark.parametrize(
-    ("name", "modes"),
-    [("coarse square", 8), ("square with a hole", 17), ("annulus", 5), ("star of 5", 10)],
+    ("name", "modes", "tolerance"),
+    [
+        *(("coarse square", 8, tolerance) for tolerance in (1e-6, 1e-11)),
+        *(("square with a hole", 17, 1e-8), ("annulus", 5, 1e-8), ("star of 5", 10, 1e-11)),
+    ],
 )
 def test_gradient_where_no_cluster_is_cut(name: str, modes: int, tolerance: float) -> None:
     """By differences of fourth order, along a direction that breaks all symmetries."""
