@@ -101,12 +101,12 @@ def serial(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.mpi
-def test_slider_crank_on_any_number_of_ranks(
-    request: pytest.FixtureRequest, undrawn: Callable[..., Path]
-) -> None:
+def test_slider_crank_on_any_number_of_ranks(request: pytest.FixtureRequest) -> None:
     """Several ranks find the same design as one, and the program the same as a call."""
-    several = MPI.COMM_WORLD.size > 1
-    out = undrawn("slider_crank", *SMALL) if several else request.getfixturevalue("serial")
+    if MPI.COMM_WORLD.size > 1:
+        out = request.getfixturevalue("undrawn")("slider_crank", *SMALL)
+    else:
+        out = request.getfixturevalue("serial")
     found, history = summary(out), read_history(out / "history.csv")
     assert found["ranks"] == MPI.COMM_WORLD.size
     assert found["elements"] == {"rod": 160}
