@@ -115,6 +115,12 @@ def test_what_follows_the_zero_of_a_field_is_exact_to_second_order() -> None:
     points = mesh.mesh.geometry.x[:, :2]
     moved = np.column_stack([nodes.motion[i] @ way for i in (0, 1)])
     follows = np.flatnonzero(np.any(moved, axis=1))
+    # all nodes on the zero follow, but where it is in what stays solid
+    on_zero = np.abs(field.spline(points)) < 1e-6
+    on_zero &= shapely.distance(field.space.solid, shapely.points(points)) > 1e-6
+    assert np.sum(on_zero) > 50
+    assert np.all(sum(abs(motion) for motion in nodes.motion).sum(axis=1)[on_zero] > 0.0)
+
     for size, bound in ((1e-4, 1e-5), (1e-5, 1e-7)):
         after = field.with_variables(field.variables + size * way)
         before = field.spline(points[follows])

@@ -27,10 +27,11 @@ class FittedNodes:
         self._domain = domain
         points, cells, self._numbers = gathered_nodes(domain)
         self._shape = points.shape
-        solid = domain.on_rank_0(domain.solid_cells)
-        if domain.comm.rank == 0:
+        # in the order of those cells
+        solid = domain.comm.gather(domain.solid_cells)
+        if solid is not None:
             self._sides_of(points, cells)
-            self.motion = self._motion_of(field, points, cells[np.asarray(solid, dtype=bool)])
+            self.motion = self._motion_of(field, points, cells[np.concatenate(solid)])
             self._inner_of(points, cells)
 
     def _sides_of(self, points: Array, cells: Integers) -> None:
