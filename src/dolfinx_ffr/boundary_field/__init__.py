@@ -12,8 +12,10 @@ from .operations import missing_members as missing_members
 from .operations import small_voids as small_voids
 from .operations import united as united
 from .options import FieldOptions as FieldOptions
+from .projection import JoinedMotions as JoinedMotions
 from .projection import Projection as Projection
 from .projection import Secants as Secants
+from .projection import SmoothMotion as SmoothMotion
 from .projection import Step as Step
 from .sizes import SizeRows as SizeRows
 from .smoothing import free_variables as free_variables

@@ -39,6 +39,7 @@ class BodyDrawing:
 
     drawing: Drawing
     solid: list[int]  #: Numbers of the faces that stay
+    kept: shapely.Geometry  #: Where material stays [m]
     designed: shapely.Geometry  #: Where the field decides [m]
     lines: Array  #: A polyline for each curve (curves,), of geometries
     parameters: list[Array]  #: Those of its points
@@ -53,8 +54,9 @@ class BodyDrawing:
         faces = [_polygon_of(drawing, face, fine) for face in drawing.faces]
         inner = [solid.covers(face.representative_point()) for face in faces]
         stays = [number for number, inside in enumerate(inner) if inside]
+        kept = shapely.union_all([faces[number] for number in stays])
         free = shapely.union_all([f for f, inside in zip(faces, inner, strict=True) if not inside])
-        return BodyDrawing(drawing, stays, free, lines, parameters, step)
+        return BodyDrawing(drawing, stays, kept, free, lines, parameters, step)
 
     def nearest(self, points: Array) -> tuple[Integers, Array]:
         """The curve nearest to each of ``points`` (n, 2), and its distance [m]."""
@@ -108,6 +110,34 @@ class _Level(Protocol):
     def gradient(self, points: Array) -> Array: ...
 
 
+def designed_faces(field: _Level, grid: SplineGrid, body: BodyDrawing) -> list[shapely.Polygon]:
+    """The faces of the material where the field decides, counterclockwise, between chords."""
+    step = body.step
+    x, y = (step * np.arange(-2 * n, 2 * n + 1) for n in grid.half)
+    values = field.on_raster
+    values = np.where(np.abs(values) < _ZERO * step, _ZERO * step, values)
+    generator = contourpy.contour_generator(x, y, values.T, fill_type="OuterOffset")
+    polygons = [
+        shapely.Polygon(
+            grid.center + ring[starts[0] : starts[1]] @ grid.axes,
+            [grid.center + ring[a:b] @ grid.axes for a, b in pairwise(starts[1:].tolist())],
+        )
+        for ring, starts in zip(*generator.filled(0.0, np.inf), strict=True)
+    ]
+    material = shapely.union_all(polygons).intersection(body.designed)
+    faces = [face for face in shapely.get_parts(material) if face.area > step**2]
+    return [
+        shapely.geometry.polygon.orient(
+            shapely.Polygon(
+                face.exterior,
+                [hole for hole in face.interiors if shapely.Polygon(hole).area > step**2],
+            )
+        )
+        for face in faces
+        if isinstance(face, shapely.Polygon)
+    ]
+
+
 class FieldDrawing:
     """How the drawing of a field is made; `drawing` is the result.
 
@@ -126,41 +156,14 @@ class FieldDrawing:
 
         faces = [
             [list(self._runs(ring)) for ring in (face.exterior, *face.interiors)]
-            for face in self._material()
+            for face in designed_faces(field, grid, body)
         ]
         loops = [loop for rings in faces for loop in rings]
         self._onto_zero([run for loop in loops for run in loop if run.number < 0])
         self._slide_ends([loop for loop in loops if len(loop) > 1])
         self.drawing = self._drawn([[self._sides(loop) for loop in rings] for rings in faces])
 
-    # ------------------------------------------------------------------ where material is
-
-    def _material(self) -> Sequence[shapely.Polygon]:
-        """The faces of the material where the field decides."""
-        grid, step = self._grid, self._body.step
-        x, y = (step * np.arange(-2 * n, 2 * n + 1) for n in grid.half)
-        values = self._field.on_raster
-        values = np.where(np.abs(values) < _ZERO * step, _ZERO * step, values)
-        generator = contourpy.contour_generator(x, y, values.T, fill_type="OuterOffset")
-        polygons = [
-            shapely.Polygon(
-                grid.center + ring[starts[0] : starts[1]] @ grid.axes,
-                [grid.center + ring[a:b] @ grid.axes for a, b in pairwise(starts[1:].tolist())],
-            )
-            for ring, starts in zip(*generator.filled(0.0, np.inf), strict=True)
-        ]
-        material = shapely.union_all(polygons).intersection(self._body.designed)
-        faces = [face for face in shapely.get_parts(material) if face.area > step**2]
-        return [
-            shapely.geometry.polygon.orient(
-                shapely.Polygon(
-                    face.exterior,
-                    [hole for hole in face.interiors if shapely.Polygon(hole).area > step**2],
-                )
-            )
-            for face in faces
-            if isinstance(face, shapely.Polygon)
-        ]
+    # ------------------------------------------------------------------ sides of faces
 
     def _runs(self, ring: shapely.LinearRing) -> Iterator[_Run]:
         """The sides of a ring in runs, each along one curve."""

@@ -16,10 +16,10 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Mask
 from ..design import HoleRims, Isometry, Mirror, images
-from ..fem import Domain, ElasticMaterial, FlatHole, polygon, with_rims
+from ..fem import Domain, ElasticMaterial, FlatHole, ShapeError, with_rims
 from ..parallel import on_rank_0
 from ..part import Part, solid_regions
-from .drawing import BodyDrawing, FieldDrawing
+from .drawing import BodyDrawing, FieldDrawing, designed_faces
 from .options import FieldOptions
 from .spline_grid import SplineGrid
 
@@ -91,7 +91,9 @@ class FieldSpace:
     @cached_property
     def solid(self) -> shapely.Geometry:
         """What of the body stays solid, rims around the holes of its drawing among it [m]."""
-        return shapely.union_all([self._regions, *self._rims_of_holes.values()])
+        solid = shapely.union_all([self._regions, *self._rims_of_holes.values()])
+        shapely.prepare(solid)
+        return solid
 
     @cached_property
     def _regions(self) -> shapely.Geometry:
@@ -133,6 +135,13 @@ class FieldSpace:
     def designed(self) -> shapely.Geometry:
         """Where the field decides [m]."""
         return self.body_drawing.designed
+
+    @cached_property
+    def drawn_lines(self) -> shapely.Geometry:
+        """The boundary of the designed region [m]."""
+        lines = self.designed.boundary
+        shapely.prepare(lines)
+        return lines
 
     @property
     def _accuracy(self) -> float:
@@ -314,36 +323,52 @@ class BoundaryField:
         return domain
 
     @cached_property
+    def material(self) -> shapely.Polygon:
+        """The region of its largest piece, between chords of its zero; a ShapeError if empty."""
+        drawing = self.space.body_drawing
+        faces = [*designed_faces(self, self.space.grid, drawing), drawing.kept]
+        # neighbors share an edge to round-off
+        joined = shapely.union_all(faces, grid_size=1e-6 * drawing.step)
+        pieces = [piece for piece in shapely.get_parts(joined) if piece.area > 0.0]
+        if not pieces:
+            raise ShapeError("boundary: there is no material")
+        return shapely.geometry.polygon.orient(max(pieces, key=lambda piece: piece.area))
+
+    @cached_property
     def edge(self) -> Edge:
         """Points on all of its boundary, a sample apart."""
         step = self.space.options.sample * self.space.member
-        rings = [polygon(loop, self.part.accuracy) for ls in self.part.outlines for loop in ls]
-        samples = [spread(ring, step) for ring in rings]
+        rings = [self.material.exterior, *self.material.interiors]
+        samples = [spread(shapely.get_coordinates(ring)[:-1], step) for ring in rings]
         points, normals, lengths = (np.concatenate(x) for x in zip(*samples, strict=True))
         return self._edge(points, normals, lengths)
 
     def _edge(self, points: Array, normals: Array, lengths: Array) -> Edge:
-        gradient = self.gradient(points)
-        slopes = np.linalg.norm(gradient, axis=1)
-        near = self.space.options.on_zero * self.space.grid.spacing * slopes
-        value = self.spline(points)
-        moves = (np.abs(value) < near) & ~self._fixed(points)
-        # onto the zero line
-        points = points - np.where(moves, value / slopes**2, 0.0)[:, None] * gradient
-        gradient[moves] = self.gradient(points[moves])
-        slopes = np.linalg.norm(gradient, axis=1)
+        spacing, gradient = self.space.grid.spacing, self.gradient(points)
+        slopes, value = np.linalg.norm(gradient, axis=1), self.spline(points)
+        places = shapely.points(points)
+        drawn = shapely.dwithin(self.space.drawn_lines, places, 1e-3 * spacing)
+        # away from the body's drawing these points are on chords of the zero
+        moves = ~drawn | (np.abs(value) < self.space.options.on_zero * spacing * slopes)
+        moves &= ~self._fixed(points, places)
+        points = points.copy()
+        for _ in range(2):
+            way = np.clip(value / np.maximum(slopes, 1e-6), -0.25 * spacing, 0.25 * spacing)
+            way = np.where(moves, way / np.maximum(slopes, 1e-6), 0.0)
+            points -= way[:, None] * gradient
+            gradient, value = self.gradient(points), self.spline(points)
+            slopes = np.linalg.norm(gradient, axis=1)
         normals = np.where(moves[:, None], -gradient / slopes[:, None], normals)
         share = np.where(moves, 1.0 / slopes, 0.0)
         rows = csr_matrix(diags(share) @ self.space.grid.rows(points))
         rows.eliminate_zeros()
         return Edge(points, normals, lengths, moves, slopes, rows)
 
-    def _fixed(self, points: Array) -> Mask:
+    def _fixed(self, points: Array, places: Array) -> Mask:
         """Whether ``points`` of the boundary are sides of what stays solid, or of rims."""
         near = 1e-3 * self.space.grid.spacing
-        margin = self.space.rims.margin(points)
-        solid = shapely.distance(self.space.solid, shapely.points(points)) < near
-        return np.asarray(solid | (margin > -near))
+        solid = shapely.dwithin(self.space.solid, places, near)
+        return np.asarray(solid | (self.space.rims.margin(points) > -near))
 
 
 def spread(ring: Array, step: float) -> tuple[Array, Array, Array]:

@@ -8,12 +8,13 @@ Squares Problems, SIAM 1995, doi:10.1137/1.9781611971217).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import block_diag, csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
 from ..arrays import Array, Mask
@@ -30,12 +31,47 @@ class Step:
     promised: float  #: Fall of the function by its gradient and curvature
 
 
+class SmoothMotion:
+    """A metric M (n, n) of motions, factored for the variables that are ``free`` (n,)."""
+
+    def __init__(self, metric: csc_matrix, free: Mask) -> None:
+        self.metric = metric
+        self.free = np.flatnonzero(free)
+        self._factor: Any = splu(metric[self.free][:, self.free].tocsc(), **SYMMETRIC)
+
+    def without(self, held: Mask) -> SmoothMotion:
+        """The motions without those of ``held`` variables (n,)."""
+        free = np.zeros(len(held), dtype=bool)
+        free[self.free] = True
+        return SmoothMotion(self.metric, free & ~held)
+
+    def solve(self, slopes: Array) -> Array:
+        """The motions of free variables whose product with M is ``slopes`` (free, ...)."""
+        return np.asarray(self._factor.solve(slopes)) if slopes.size else slopes
+
+
+class JoinedMotions:
+    """Motions of several fields as one."""
+
+    def __init__(self, motions: Sequence[SmoothMotion]) -> None:
+        self._motions = motions
+        self.metric = csc_matrix(block_diag([motion.metric for motion in motions]))
+        sizes = [motion.metric.shape[0] for motion in motions]
+        first = np.cumsum([0, *sizes[:-1]])
+        self.free = np.concatenate([m.free + k for m, k in zip(motions, first, strict=True)])
+        self._ends = np.cumsum([len(motion.free) for motion in motions])[:-1]
+
+    def solve(self, slopes: Array) -> Array:
+        """The motions of free variables whose product with M is ``slopes`` (free, ...)."""
+        parts = zip(self._motions, np.split(slopes, self._ends), strict=True)
+        return np.concatenate([motion.solve(part) for motion, part in parts])
+
+
 class Projection:
     """Steps from one point by one metric.
 
     Args:
-        metric: M, symmetric positive definite where variables are free, (n, n).
-        free: Which variables move, (n,).
+        smooth: The metric M, and which variables move.
         gradient: g of the function that falls, (n,).
         slopes: S of the constraints, (rows, n).
         bends: W, the curvature of the function as columns, (n, k).
@@ -43,29 +79,22 @@ class Projection:
 
     def __init__(
         self,
-        metric: csc_matrix,
-        free: Mask,
+        smooth: SmoothMotion | JoinedMotions,
         gradient: Array,
         slopes: csr_matrix,
         bends: Array | None = None,
     ) -> None:
-        self._free = np.flatnonzero(free)
+        self._free = smooth.free
         self._size, self._rows = len(gradient), slopes.shape[0]
-        self._factor: Any = splu(metric[self._free][:, self._free].tocsc(), **SYMMETRIC)
         self._gradient = gradient[self._free]
-        self._downhill = -self._factor.solve(self._gradient)
+        self._downhill = -smooth.solve(self._gradient)
         # no step changes a constraint without a slope
         own = slopes[:, self._free]
         self._able = np.flatnonzero(np.asarray(abs(own).sum(axis=1)).ravel())
         self._slopes = own[self._able].toarray()
         self._bends = np.zeros((len(self._free), 0)) if bends is None else bends[self._free]
-        self._toward = self._factor.solve(self._slopes.T) if len(self._able) else self._slopes.T
-        self._stiff = self._factor.solve(self._bends) if self._bends.size else self._bends
-
-    @property
-    def steepest(self) -> Array:
-        """The step without constraints and curvature, times a weight of one, (n,)."""
-        return self._whole(self._downhill)
+        self._toward = smooth.solve(np.asfortranarray(self._slopes.T))
+        self._stiff = smooth.solve(self._bends)
 
     def step(self, values: Array, weight: float) -> tuple[Array, Array]:
         """The step (n,) for a weight of the function, and the multipliers (rows,)."""

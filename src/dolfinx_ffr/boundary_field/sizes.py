@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -26,6 +27,7 @@ class SizeRows:
     violation: float  #: Largest share by which a minimum itself is missed
 
     @staticmethod
+    @lru_cache(maxsize=4)
     def of(field: BoundaryField) -> SizeRows:
         """The rows of all members, gaps and radii of a field."""
         space, options = field.space, field.space.options
@@ -105,24 +107,27 @@ def _across(first: Array, second: Array) -> Array:
 def _within_solid(field: BoundaryField, first: Array, second: Array) -> Mask:
     """Whether what stays solid gives the minimum width between points already."""
     space = field.space
-    lines = shapely.linestrings(np.stack([first, second], axis=1))
-    inside = shapely.length(shapely.intersection(lines, space.solid))
-    return np.asarray(inside > (1.0 - 1e-2) * space.member)
+    inside = np.zeros(len(first), dtype=bool)
+    amid = np.flatnonzero(shapely.contains_xy(space.solid, *(0.5 * (first + second)).T))
+    lines = shapely.linestrings(np.stack([first[amid], second[amid]], axis=1))
+    length = shapely.length(shapely.intersection(lines, space.solid))
+    inside[amid] = length > (1.0 - 1e-2) * space.member
+    return inside
 
 
 def _radii(field: BoundaryField, least: float) -> tuple[Array, csr_matrix, Array]:
     """Where the curvature of the boundary is larger than it may be, or nearly so."""
     options, edge, grid = field.space.options, field.edge, field.space.grid
     points = edge.points[edge.moves]
-    turn, by_variables = _curvature(field, points)
+    turn = _curvature(field, points)
+    sharp = np.flatnonzero(np.abs(turn) * least * options.seen > 1.0)
     # a line that ends at what stays solid has a corner there
-    free = shapely.distance(field.space.solid, shapely.points(points)) > least
-    sharp = free & (np.abs(turn) * least * options.seen > 1.0)
+    cornered = shapely.dwithin(field.space.solid, shapely.points(points[sharp]), least)
+    sharp = sharp[~cornered]
     points, turn = points[sharp], turn[sharp]
     chosen = _one_of_each_place(field, points, -np.abs(turn))
     points, turn = points[chosen], turn[chosen]
-    number = np.flatnonzero(sharp)[chosen]
-    slopes = by_variables(number)
+    slopes = _curvature_slopes(field, points)
     # as the boundary moves along its normal a circle becomes larger or smaller
     speed = np.linalg.norm(field.gradient(points), axis=1)
     slopes = slopes + diags(turn**2 / speed) @ grid.rows(points)
@@ -131,27 +136,26 @@ def _radii(field: BoundaryField, least: float) -> tuple[Array, csr_matrix, Array
     return values, csr_matrix(diags(least * np.sign(turn)) @ slopes), points
 
 
-def _curvature(field: BoundaryField, points: Array):  # type: ignore[no-untyped-def]
-    """Curvature of the field's lines at points, positive in notches, and its slopes' function."""
-    grid, c = field.space.grid, field.variables
-    first, second = grid.slope_rows(points), grid.bend_rows(points)
-    x, y = (row @ c for row in first)
-    xx, xy, yy = second[0][0] @ c, second[0][1] @ c, second[1][1] @ c
+def _curvature(field: BoundaryField, points: Array) -> Array:
+    """Curvature of the field's lines at points, positive in notches, (n,) [1/m]."""
+    (xx, xy), (_, yy) = field.space.grid.bend(field.variables, points)
+    x, y = field.gradient(points).T
     size = np.maximum(np.hypot(x, y), 1e-300)
-    numerator = xx * y**2 - 2.0 * xy * x * y + yy * x**2
-    turn = numerator / size**3
+    return np.asarray((xx * y**2 - 2.0 * xy * x * y + yy * x**2) / size**3)
 
-    def slopes(number: Integers) -> csr_matrix:
-        def times(factor: Array, rows: csr_matrix) -> csr_matrix:
-            return diags((factor / size**3)[number]) @ rows[number]
 
-        by_x = 2.0 * (yy * x - xy * y) - 3.0 * numerator * x / size**2
-        by_y = 2.0 * (xx * y - xy * x) - 3.0 * numerator * y / size**2
-        found = times(by_x, first[0]) + times(by_y, first[1])
-        found = found + times(y**2, second[0][0]) + times(x**2, second[1][1])
-        return csr_matrix(found - times(2.0 * x * y, second[0][1]))
-
-    return turn, slopes
+def _curvature_slopes(field: BoundaryField, points: Array) -> csr_matrix:
+    """The derivative of that curvature by the variables, (n, variables) [1/m^2]."""
+    grid, turn = field.space.grid, _curvature(field, points)
+    (xx, xy), (_, yy) = grid.bend(field.variables, points)
+    (by_xx, by_xy), (_, by_yy) = grid.bend_rows(points)
+    by_x, by_y = grid.slope_rows(points)
+    x, y = field.gradient(points).T
+    size = np.maximum(np.hypot(x, y), 1e-300)
+    numerator = diags(y**2) @ by_xx - diags(2.0 * x * y) @ by_xy + diags(x**2) @ by_yy
+    numerator += diags(2.0 * (yy * x - xy * y)) @ by_x + diags(2.0 * (xx * y - xy * x)) @ by_y
+    along = diags(x) @ by_x + diags(y) @ by_y  # the derivative of size^2 / 2
+    return csr_matrix(diags(size**-3) @ numerator - diags(3.0 * turn / size**2) @ along)
 
 
 def _one_of_each_place(field: BoundaryField, points: Array, sizes: Array) -> Integers:

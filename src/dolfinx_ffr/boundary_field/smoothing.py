@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers, Mask
 from .field import SMOOTH, BoundaryField
-from .projection import Projection
+from .projection import Projection, SmoothMotion
 from .sizes import SizeRows
 
 #: Rounds in which variables that would leave their bounds are found
@@ -47,15 +47,20 @@ def free_variables(field: BoundaryField) -> Mask:
     return free & ~field.space.held
 
 
-def mended(field: BoundaryField, reach: float) -> BoundaryField:
-    """The field with its minimum sizes, by the smallest motions that give them."""
+def mended(field: BoundaryField, reach: float, smooth: SmoothMotion | None = None) -> BoundaryField:
+    """The field with its minimum sizes, by the smallest motions that give them.
+
+    They are small by the metric of the field, or by a ``smooth`` one of a field nearby.
+    """
     options = field.space.options
     for _ in range(options.mending):
         rows = SizeRows.of(field)
         if rows.violation <= 1e-3:
             break
-        violations = np.minimum(rows.values, options.at_once)
-        motion = _within_bounds(field, metric(field), free_variables(field), rows, violations)
+        smooth_here = smooth or SmoothMotion(metric(field), free_variables(field))
+        near = np.flatnonzero(rows.values > -options.at_once)
+        violations = np.minimum(rows.values[near], options.at_once)
+        motion = _within_bounds(field, smooth_here, rows.slopes[near], violations)
         longest = float(np.max(np.abs(motion), initial=0.0))
         motion *= min(1.0, reach / max(longest, 1e-300))
         field = field.with_variables(field.variables + motion)
@@ -64,9 +69,8 @@ def mended(field: BoundaryField, reach: float) -> BoundaryField:
 
 def _within_bounds(
     field: BoundaryField,
-    matrix: csc_matrix,
-    free: Mask,
-    rows: SizeRows,
+    smooth: SmoothMotion,
+    rows: csr_matrix,
     violations: Array,
     slope: Array | None = None,
 ) -> Array:
@@ -75,11 +79,11 @@ def _within_bounds(
     at_bound = field.variables >= field.space.upper - 1e-9
     motion = np.zeros(len(field.variables))
     for _ in range(_BOUNDS):
-        motion, _ = Projection(matrix, free, slope, rows.slopes).step(violations, 1.0)
-        leaving = free & at_bound & (motion > 0.0)
+        motion, _ = Projection(smooth, slope, rows).step(violations, 1.0)
+        leaving = at_bound & (motion > 0.0)
         if not np.any(leaving):
             break
-        free = free & ~leaving
+        smooth = smooth.without(leaving)
     return motion
 
 
@@ -117,5 +121,6 @@ def redistanced(field: BoundaryField) -> BoundaryField:
     rows = SizeRows.of(field)
     violations = np.minimum(rows.values, options.at_once)
     slope = matrix @ field.variables - right
-    motion = _within_bounds(field, matrix, ~space.held, rows, violations, slope)
+    smooth = SmoothMotion(matrix, ~space.held)
+    motion = _within_bounds(field, smooth, rows.slopes, violations, slope)
     return field.with_variables(field.variables + motion)

@@ -95,10 +95,7 @@ class SplineGrid:
     def bend_rows(self, points: Array) -> list[list[csr_matrix]]:
         """Their shares in the second derivatives, d by d of (n, variables) [1/m^2]."""
         where, columns = self._places(points)
-        unit = np.eye(self.dimension, dtype=np.int64)
-        along = np.array([[self._shares(where, tuple(i + j)) for j in unit] for i in unit])
-        turned = np.einsum("ki,lj,klnc->ijnc", self.axes, self.axes, along)
-        return [[self._matrix(shares, columns) for shares in row] for row in turned]
+        return [[self._matrix(s, columns) for s in row] for row in self._bends(where)]
 
     def value(self, variables: Array, points: Array) -> Array:
         """The field of some ``variables`` at ``points`` (n, d) [m], (n,)."""
@@ -110,6 +107,11 @@ class SplineGrid:
         """The gradient of that field, (n, d) [1/m]."""
         where, columns = self._places(points)
         return np.einsum("inc,nc->ni", self._slopes(where), variables[columns])
+
+    def bend(self, variables: Array, points: Array) -> Array:
+        """The second derivatives of that field, (d, d, n) [1/m^2]."""
+        where, columns = self._places(points)
+        return np.einsum("ijnc,nc->ijn", self._bends(where), variables[columns])
 
     @cached_property
     def integrals(self) -> tuple[csc_matrix, csc_matrix]:
@@ -169,6 +171,12 @@ class SplineGrid:
         unit = np.eye(self.dimension, dtype=np.int64)
         along = np.array([self._shares(where, order) for order in unit])
         return np.einsum("ki,knc->inc", self.axes, along)
+
+    def _bends(self, where: Array) -> Array:
+        """Shares in the second derivatives, (d, d, n, 4^d) [1/m^2]."""
+        unit = np.eye(self.dimension, dtype=np.int64)
+        along = np.array([[self._shares(where, tuple(i + j)) for j in unit] for i in unit])
+        return np.einsum("ki,lj,klnc->ijnc", self.axes, self.axes, along, optimize=True)
 
     def _matrix(self, shares: Array, columns: Integers) -> csr_matrix:
         ends = np.arange(0, shares.size + 1, columns.shape[1])

@@ -8,17 +8,18 @@ meshed or simulated, or that raises the merit, is taken back and halved.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.sparse import block_diag, csc_matrix
 
 from ..arrays import Array
 from ..boundary_field import (
     BoundaryField,
+    JoinedMotions,
     Projection,
     Secants,
+    SmoothMotion,
     Step,
     free_variables,
     is_uneven,
@@ -70,7 +71,7 @@ class FieldSteps:
             raise StopIteration
         options, before = self.problem.options, self.trial
         gradients = self.problem.gradients(before)
-        projection = self._projection(before, gradients)
+        smooth, projection = self._projection(before, gradients)
         if len(self.history) % options.topology_every == 1:
             costs = self._costs(projection, gradients)
             self.trial = with_better_topology(self.problem, before, gradients.evaluation, costs)
@@ -78,8 +79,8 @@ class FieldSteps:
                 before.release()
                 before, self._secants = self.trial, Secants()
                 gradients = self.problem.gradients(before)
-                projection = self._projection(before, gradients)
-        after, step, rejected = self._accepted(projection, gradients)
+                smooth, projection = self._projection(before, gradients)
+        after, step, rejected = self._accepted(projection, gradients, smooth)
         if after is None or step is None:
             self.converged = True
             raise StopIteration
@@ -100,20 +101,17 @@ class FieldSteps:
             self.best = self.trial
         return self.trial
 
-    def _projection(self, trial: FieldTrial, gradients: FieldGradients) -> Projection:
+    def _projection(
+        self, trial: FieldTrial, gradients: FieldGradients
+    ) -> tuple[dict[str, SmoothMotion], Projection]:
         """The steps from a trial; variables at their bounds that would leave these stay."""
-        fields = trial.fields.values()
-        whole = csc_matrix(block_diag([metric(field_) for field_ in fields]))
-        free = np.concatenate([free_variables(field_) for field_ in fields])
-        upper = np.concatenate([f.variables >= f.space.upper - 1e-9 for f in fields])
+        ends = np.cumsum([len(f.variables) for f in trial.fields.values()])[:-1]
+        parts = zip(trial.fields.items(), np.split(gradients.psi, ends), strict=True)
+        smooth = {name: _smooth(field_, slope) for (name, field_), slope in parts}
+        joined = JoinedMotions(list(smooth.values()))
         share = self.problem.options.curvature_share
-        bends = self._secants.bends(whole, gradients.psi, share)
-        projection = Projection(whole, free, gradients.psi, gradients.slopes, bends)
-        leaving = upper & (projection.steepest > 0.0)
-        if np.any(leaving):
-            free &= ~leaving
-            projection = Projection(whole, free, gradients.psi, gradients.slopes, bends)
-        return projection
+        bends = self._secants.bends(joined.metric, gradients.psi, share)
+        return smooth, Projection(joined, gradients.psi, gradients.slopes, bends)
 
     def _costs(self, projection: Projection, gradients: FieldGradients) -> Array:
         """What all constraints cost, as shares of psi, (rows,)."""
@@ -121,7 +119,7 @@ class FieldSteps:
         return projection.within(values, self._reach, self._weight).multipliers
 
     def _accepted(
-        self, projection: Projection, gradients: FieldGradients
+        self, projection: Projection, gradients: FieldGradients, smooth: Mapping[str, SmoothMotion]
     ) -> tuple[FieldTrial | None, Step | None, int]:
         """The first trial that is accepted, its step, and how many were taken back."""
         options, before = self.problem.options, self.trial
@@ -135,7 +133,7 @@ class FieldSteps:
             costs = step.multipliers[len(values) - gradients.bounds :]
             self._bound_weight = max(self._bound_weight, 1.5 * float(np.sum(costs)))
             try:
-                after = self.problem.trial(self._moved(before, step.motion))
+                after = self.problem.trial(self._moved(before, step.motion, smooth))
             except TrialFailed:
                 after = None
             if after is not None and self._merit(after) <= self._merit(before) + options.noise:
@@ -145,7 +143,9 @@ class FieldSteps:
                 break
         return None, None, 0
 
-    def _moved(self, trial: FieldTrial, motion: Array) -> dict[str, BoundaryField]:
+    def _moved(
+        self, trial: FieldTrial, motion: Array, smooth: Mapping[str, SmoothMotion]
+    ) -> dict[str, BoundaryField]:
         """The fields after a motion, with minimum sizes and slopes near one."""
         reach = self.problem.options.longest_reach * self._member
         ends = np.cumsum([len(f.variables) for f in trial.fields.values()])[:-1]
@@ -155,7 +155,7 @@ class FieldSteps:
             for name, (field_, own) in ((n, (f, own)) for (n, f), own in parts):
                 field_ = field_.with_variables(field_.variables + own)
                 field_ = redistanced(field_) if is_uneven(field_) else field_
-                moved[name] = mended(field_, reach)
+                moved[name] = mended(field_, reach, smooth[name])
         return moved
 
     def _check_modes(self) -> None:
@@ -178,3 +178,12 @@ class FieldSteps:
         row |= {"excess": trial.violation, "size_violation": trial.size_violation}
         row |= {"step": step, "reach": self._reach, "rejected": float(rejected)}
         self.history.append(row)
+
+
+def _smooth(field_: BoundaryField, slope: Array) -> SmoothMotion:
+    """The motions of a field, without variables at their bounds that would leave these."""
+    smooth = SmoothMotion(metric(field_), free_variables(field_))
+    downhill = np.zeros(len(slope))
+    downhill[smooth.free] = -smooth.solve(slope[smooth.free])
+    leaving = (downhill > 0.0) & (field_.variables >= field_.space.upper - 1e-9)
+    return smooth.without(leaving) if np.any(leaving) else smooth
