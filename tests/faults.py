@@ -24,7 +24,7 @@ TOP = Path(__file__).resolve().parents[1]
 TABLE = """
 body/moments.py | np.outer(scale, scale))[0] | np.outer(scale, scale))[1] | body
 body/volume_integrals.py | range(weights.ndim - 1) | range(weights.ndim) | dynamics/test_stiffened_markers.py
-boundary/curve.py | np.tile(0.5 * share | np.tile(share | boundary/test_curve.py boundary/test_step.py
+boundary/curve.py | np.tile(0.5 * share | np.tile(share | boundary/test_curve.py
 boundary/derivative.py | 0.5 * bar[self._middles] | bar[self._middles] | boundary/test_move_boundary.py
 boundary/sizes.py | by_a -= 3.0 * | by_a -= 2.0 * | boundary/test_move_boundary.py
 boundary/step.py | inner + 0.5 * np.sum((inner | inner - 0.5 * np.sum((inner | boundary/test_step.py
@@ -82,13 +82,14 @@ def lines_of_table(beginnings: list[str]) -> list[list[str]]:
 
 
 def copy_of_tree(folder: Path) -> None:
-    """Copy all files that git knows into a folder, in the place of an earlier copy."""
+    """Copy all files that git knows, and compiled kernels, in the place of an earlier copy."""
     for name in ("src", "tests"):
         shutil.rmtree(folder / name, ignore_errors=True)
     listed = subprocess.run(
         ["git", "ls-files"], cwd=TOP, capture_output=True, text=True, check=True
     )
-    for name in listed.stdout.splitlines():
+    kernels = [str(file.relative_to(TOP)) for file in (TOP / "src").rglob("*.nb[ic]")]
+    for name in [*listed.stdout.splitlines(), *kernels]:
         target = folder / name
         if (TOP / name).is_file():
             target.parent.mkdir(parents=True, exist_ok=True)

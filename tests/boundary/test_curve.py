@@ -61,3 +61,16 @@ def test_nearest_points(off: float, accuracy: float) -> None:
     points = curve.at(s) + off * curve.normals(s)
     found = curve.nearest(points, (s + 0.1) % curve.spans)
     assert np.max(np.abs(curve.at(found) - curve.at(s))) < accuracy
+
+
+def test_the_area_and_its_slopes() -> None:
+    """The area of a circle's polygon, and central differences, which are exact as it is square."""
+    curve = FreeCurve.fit(CIRCLE, 2e-3)
+    x, y = curve.at(np.linspace(0.0, curve.spans, 4000, endpoint=False)).T
+    polygon = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    area, slopes = curve.area
+    assert area == pytest.approx(polygon, rel=1e-6)
+    offsets = np.cos(np.arange(len(curve.control)))
+    step = 1e-4 * offsets[:, None] * curve.control_normals
+    ahead, behind = (curve.moved(curve.control + side * step).area[0] for side in (1.0, -1.0))
+    assert slopes @ offsets == pytest.approx((ahead - behind) / 2e-4, rel=1e-9)
