@@ -194,6 +194,30 @@ def test_sizes_are_mended_by_small_motions() -> None:
     assert thinnest is not None and thinnest.value > 0.99 * MEMBER
 
 
+def slit_along_the_rim(width: float) -> shapely.Geometry:
+    """A slit along a third of a rim, so many members wide."""
+    ways = [(0.0, 0.0), (0.03, -0.02), (0.03, 0.03), (0.0, 0.03)]
+    sector = shapely.Polygon([CENTER + way for way in ways])
+    rim = shapely.Point(CENTER).buffer(RADIUS + MEMBER)
+    return rim.buffer(width * MEMBER).difference(rim).intersection(sector)
+
+
+def test_rows_see_slits_along_what_stays_solid() -> None:
+    """The wall of a rim faces the zero of the field like any other side, but for its end."""
+    rows = SizeRows.of(with_voids(plate(), slit_along_the_rim(0.8)))
+    gaps = rows.places[rows.members :] - CENTER
+    middle = np.abs(np.arctan2(*gaps.T[::-1]) - np.radians(30.0)) < np.radians(20.0)
+    seen = middle & (np.abs(np.hypot(*gaps.T) - RADIUS - 1.4 * MEMBER) < 0.1 * MEMBER)
+    assert np.max(rows.values[rows.members :][seen]) == pytest.approx(1.0 - 0.8 / 1.02, abs=0.1)
+
+
+def test_slits_along_what_stays_solid_are_filled_at_the_start() -> None:
+    space = plate()
+    field = first_field(space, space.body.outline.difference(slit_along_the_rim(0.9)))
+    assert field.part.holes == 1
+    assert SizeRows.of(field).violation < 2e-3
+
+
 @pytest.mark.parametrize("width", [0.4, 0.8])
 def test_thin_members_are_widened_before_the_first_field(width: float) -> None:
     """In one piece: between two voids, between a void and the outline, and beside a rim."""

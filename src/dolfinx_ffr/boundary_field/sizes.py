@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix, diags, vstack
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers, Mask
-from .field import BoundaryField
+from .field import BoundaryField, Edge
 from .options import FieldOptions
 
 
@@ -59,6 +59,10 @@ def _widths(field: BoundaryField, side: float, least: float) -> tuple[Array, csr
     moves = edge.moves[first] | edge.moves[second]
     if side < 0.0:
         moves &= ~_within_solid(field, points[first], points[second])
+    else:
+        # where the zero ends at what stays is a corner, and no gap
+        middle = 0.5 * (points[first] + points[second])
+        moves &= cKDTree(_ends(edge)).query(middle)[0] > least
     first, second, width = first[moves], second[moves], width[moves]
     if not len(first):
         return _none(field)
@@ -113,6 +117,14 @@ def _within_solid(field: BoundaryField, first: Array, second: Array) -> Mask:
     length = shapely.length(shapely.intersection(lines, space.solid))
     inside[amid] = length > (1.0 - 1e-2) * space.member
     return inside
+
+
+def _ends(edge: Edge) -> Array:
+    """Where the zero ends at what stays, (n, 2) [m]."""
+    points, after = edge.points, np.roll(edge.points, -1, axis=0)
+    follows = np.linalg.norm(after - points, axis=1) < 2.0 * edge.lengths
+    ends = follows & (edge.moves != np.roll(edge.moves, -1))
+    return np.asarray(0.5 * (points + after)[ends]).reshape(-1, 2)
 
 
 def _radii(field: BoundaryField, least: float) -> tuple[Array, csr_matrix, Array]:

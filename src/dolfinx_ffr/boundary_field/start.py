@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The first field of a part that a level set or densities have drawn.
 
-What is thinner than the minimum member is widened before the fit, as splines would lose it, and
-slits, fingers and corners that splines cannot show are left out.
+What is thinner than the minimum member is widened before the fit, as splines would lose it. Slits,
+fingers and corners that splines cannot show are left out, and all slits along what stays solid.
 """
 
 from __future__ import annotations
@@ -31,12 +31,19 @@ def _with_sizes(space: FieldSpace, material: shapely.Geometry) -> shapely.Geomet
     """A ``material`` with minimum sizes nearly everywhere, in one piece where it was in one."""
     body, share = space.body.outline, 0.5 * space.options.opened
     whole = shapely.union_all([material, space.solid, _widening(space, material)])
-    closed = whole.buffer(share * space.gap).buffer(-share * space.gap).intersection(body)
+    slits = shapely.get_parts(_closed(whole, 0.5 * space.gap).difference(whole))
+    beside = slits[shapely.dwithin(slits, space.solid, 1e-3 * space.gap)]
+    closed = shapely.union_all([_closed(whole, share * space.gap), *beside]).intersection(body)
     opened = closed.buffer(-share * space.member).buffer(share * space.member)
     # corners as round as splines can show
     round_ = max(space.options.spare * space.radius, space.grid.spacing)
     void = _rounded(body.difference(shapely.union(opened, space.solid)), round_)
     return shapely.union(_rounded(body.difference(void), round_), space.solid)
+
+
+def _closed(shape: shapely.Geometry, radius: float) -> shapely.Geometry:
+    """A shape with what discs of a ``radius`` beside it do not reach."""
+    return shape.buffer(radius).buffer(-radius)
 
 
 def _rounded(shape: shapely.Geometry, radius: float) -> shapely.Geometry:
