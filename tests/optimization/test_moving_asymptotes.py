@@ -222,3 +222,16 @@ def test_what_can_still_be_gained_is_nothing_at_the_optimum() -> None:
     program = linprog(slopes[0], slopes[1:], -values[1:], bounds=box)
     for factor in (0.5, 1.0, 2.0):
         assert gain(x, factor * multipliers) >= -program.fun - 1e-12
+
+
+def test_multipliers_of_several_active_constraints_are_fitted() -> None:
+    """Those of a step that ends elsewhere would say that much can be gained at an optimum."""
+    state = Asymptotes(np.zeros(3), np.ones(3), np.full(3, 0.5))
+    slope, slopes = -np.array([3.0, 2.0, 1.0]), np.eye(3) + 0.1
+    exact = np.linalg.solve(slopes.T, -slope)
+    assert np.all(exact > 0.0)
+    assert state.possible_gain(slope, np.zeros(3), slopes, 0.5 * exact, 0.1) < 1e-12
+    # one of them has room: along it the objective falls, by what it leaves free
+    room = np.array([0.0, 0.0, -0.01])
+    left = state.possible_gain(slope, room, slopes, 0.5 * exact, 0.1)
+    assert exact[2] * 0.01 <= left <= 1.5 * exact[2] * 0.01

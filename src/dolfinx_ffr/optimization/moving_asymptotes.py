@@ -161,18 +161,29 @@ class Asymptotes:
 
         The change is in shares of the range, and the constraints are linearised. The other
         arguments are those of `step` and the ``multipliers`` that it has returned. By duality of
-        linear programs the number is an upper bound for any multipliers; it is zero where the
-        first-order conditions hold, and the multipliers are theirs.
+        linear programs the number is an upper bound for any multipliers, and zero where the
+        first-order conditions hold with them. Those of the step are the ones where it ends; where
+        many constraints are active, those that fit the conditions best here give a lower number.
         """
-        lagrangian = slope + multipliers @ slopes
         width = move * (self.upper - self.lower)
         down = np.minimum(width, self.x - self.lower)
         up = np.minimum(width, self.upper - self.x)
-        gain = np.where(lagrangian > 0.0, lagrangian * down, -lagrangian * up)
         slack = np.array(values, dtype=float)
         if bounded:
             slack[:bounded] -= np.max(slack[:bounded])
-        return float(np.sum(gain) - multipliers @ np.minimum(slack, 0.0))
+        slack = np.minimum(slack, 0.0)
+
+        def gain(multipliers: Array) -> float:
+            lagrangian = slope + multipliers @ slopes
+            change = np.where(lagrangian > 0.0, lagrangian * down, -lagrangian * up)
+            return float(np.sum(change) - multipliers @ slack)
+
+        if len(values) < 2 or bounded:  # what shares a bound has multipliers whose sum is one
+            return gain(multipliers)
+        free = np.minimum(down, up)
+        conditions = np.vstack([(slopes * free).T, np.diag(slack)])
+        fitted, _ = nnls(conditions, np.concatenate([-slope * free, np.zeros(len(slack))]))
+        return min(gain(multipliers), gain(fitted))
 
     def _reach(self) -> Array:
         """The distance of both asymptotes from the present variables."""
