@@ -188,14 +188,15 @@ class MechanicalProblem:
     """
 
     mechanism: Mechanism
-    integrator: Integrator
+    integrator: Integrator | TimeInterval
     objective: Objective
     constraints: Sequence[Constraint] = ()
 
     def __post_init__(self) -> None:
         validation.instance("problem: the mechanism", self.mechanism, Mechanism, "a Mechanism")
         needed = "GeneralizedAlpha(...), RadauIIA(...) or TimeInterval(...)"
-        validation.instance("problem: the integrator", self.integrator, Integrator, needed)
+        kinds = (Integrator, TimeInterval)
+        validation.instance("problem: the integrator", self.integrator, kinds, needed)
         check_objective("problem: the objective", self.objective)
         constraints = validation.instances(
             "problem: constraints", self.constraints, Constraint, "constraints"
@@ -205,6 +206,16 @@ class MechanicalProblem:
         twice = sorted({label for label in labels if labels.count(label) > 1})
         if twice:
             raise ValueError(f"two constraints have the name {twice[0]!r}; name them apart")
+
+    @property
+    def method(self) -> Integrator:
+        """The time integration with its steps, which are left open by a :class:`TimeInterval`."""
+        if isinstance(self.integrator, TimeInterval):
+            raise TypeError(
+                "a TimeInterval has no steps before they are chosen for an objective: call "
+                "MechanicalProblem.settled(bodies), or give an integrator"
+            )
+        return self.integrator
 
     @property
     def needs_trajectory(self) -> bool:
@@ -428,7 +439,7 @@ class MechanicalProblem:
         if not self.needs_trajectory:
             return self
         interval, given = TimeInterval(self.integrator.end_time, tolerance), self.response(bodies)
-        if isinstance(self.integrator, TimeInterval) or self.integrator.chosen_for is not None:
+        if isinstance(self.integrator, TimeInterval) or self.method.chosen_for is not None:
             return self.stepping(self.choice(given, interval))
         cells, damped = load_cells(self.mechanism, given.bodies, interval.end_time)
         judged = self._judged(given)

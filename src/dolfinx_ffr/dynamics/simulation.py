@@ -29,7 +29,7 @@ from .validity import warn_of_limits
 def simulate(
     mechanism: Mechanism,
     bodies: Mapping[str, VolumeIntegrals],
-    integrator: Integrator | None = None,
+    integrator: Integrator | TimeInterval | None = None,
     *,
     end_time: float | None = None,
     tolerance: float | None = None,

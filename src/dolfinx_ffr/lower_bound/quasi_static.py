@@ -142,7 +142,7 @@ class Driven:
         own = objective.weights or {}
         #: Weights of the compliance of designed bodies
         self.weights = {n: float(own.get(n, 1.0)) * (n in counted) for n in problem.flexible}
-        trajectory = rigid_trajectory(case.mechanism, bodies, case.integrator)
+        trajectory = rigid_trajectory(case.mechanism, bodies, case.method)
         self.loads: dict[str, DrivenLoads] = driven_loads(trajectory, list(problem.flexible))
         self.time_weights = time_weights(trajectory)
 

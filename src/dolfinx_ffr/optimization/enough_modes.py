@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterable, Mapping
 
 from ..arrays import Array
-from ..dynamics import SimulationError, TimeStepWarning, recorded, restored_method
+from ..dynamics import SimulationError, TimeInterval, TimeStepWarning, recorded, restored_method
 from ..postprocessing import mode_error, propose_modes
 from ..problem import Evaluation, Problem
 from .result import of_problem, warn
@@ -30,8 +30,12 @@ def chosen_methods(problem: Problem) -> list[str]:
     """Method and steps of each load case where they were chosen, "" for others."""
     if not isinstance(problem, Problem):  # one of the user's own
         return []
-    methods = [case.integrator for case in problem.load_cases.values()]
-    return ["" if each.chosen_for is None else recorded(each) for each in methods]
+    texts = []
+    for case in problem.load_cases.values():
+        method = case.integrator
+        left_open = isinstance(method, TimeInterval) or method.chosen_for is None
+        texts.append("" if left_open else recorded(case.method))
+    return texts
 
 
 def with_methods(problem: Problem, chosen: Iterable[str]) -> Problem:

@@ -220,7 +220,7 @@ def warn_of_stiff_damping(
     damped = any(d.beta > 0.0 for _, m in load_cases for d in m.mechanism.damping.values())
     if not damped or error < DOUBTFUL:
         return
-    finer = {name: case.integrator.finer for name, case in load_cases}
+    finer = {name: case.method.finer for name, case in load_cases if case.needs_trajectory}
     evaluated = own_bodies(problem, evaluation)
     psi_without, psi_with_modes = (
         psi_with(problem, evaluation, several, finer) for several in (evaluated, bodies)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..dynamics import Integrator, assemble_model, influence
+from ..dynamics import Integrator, TimeInterval, assemble_model, influence
 from ..mechanical_problem import ConstraintValue, MechanicalProblem
 from ..mechanism import Mechanism, Parameters, ParametricMechanism, TopologyError
 from ..objective import Combination, Constraint, Derivatives, Objective, Response
@@ -67,12 +67,12 @@ class LoadCases:
         return only_case(self.load_cases, "problem.load_cases[{!r}].mechanism").mechanism
 
     @property
-    def integrator(self) -> Integrator:
+    def integrator(self) -> Integrator | TimeInterval:
         """Time interval and steps of the only load case."""
         return only_case(self.load_cases, "problem.load_cases[{!r}].integrator").integrator
 
     @integrator.setter
-    def integrator(self, integrator: Integrator) -> None:
+    def integrator(self, integrator: Integrator | TimeInterval) -> None:
         self._change(integrator=integrator)
 
     @property

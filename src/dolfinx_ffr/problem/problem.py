@@ -24,7 +24,15 @@ from numpy.typing import ArrayLike
 from .. import validation
 from ..arrays import summed
 from ..body import VolumeIntegrals
-from ..dynamics import Integrator, SimulationError, Trajectory, check_names, compile_kernels
+from ..dynamics import (
+    INTEGRATORS,
+    Integrator,
+    SimulationError,
+    TimeInterval,
+    Trajectory,
+    check_names,
+    compile_kernels,
+)
 from ..mechanical_problem import Gradients, MechanicalProblem
 from ..mechanism import Mechanism, TopologyError
 from ..objective import (
@@ -84,7 +92,7 @@ class Problem(LoadCases):
         self,
         bodies: Mapping[str, Body],
         mechanism: Mechanism,
-        integrator: Integrator,
+        integrator: Integrator | TimeInterval,
         objective: Objective,
         constraints: Sequence[Constraint] = (),
     ) -> None:
@@ -170,7 +178,9 @@ class Problem(LoadCases):
     def _prepare(self) -> None:
         """Compile, choose the steps that are left open, and refuse more than the memory holds."""
         checked_memory(self._designed, self.load_cases, self._memory, adjoint=False)
-        integrators = list({type(case.integrator) for case in self.load_cases.values()})
+        cases = self.load_cases.values()
+        left_open = any(isinstance(case.integrator, TimeInterval) for case in cases)
+        integrators = INTEGRATORS if left_open else tuple({type(case.method) for case in cases})
         if self.comm.rank == 0:  # the others find it in the cache
             compile_kernels(integrators=integrators)
         self.comm.Barrier()
@@ -238,7 +248,7 @@ class Problem(LoadCases):
             if trajectory is not None and not alike(trajectory.integrator, case.integrator):
                 raise ValueError(
                     f"problem: the evaluation has other time steps than {self._of('this', name)}: "
-                    f"{trajectory.integrator.in_words}, not {case.integrator.in_words}; {GIVE_BOTH}"
+                    f"{trajectory.integrator.in_words}, not {case.method.in_words}; {GIVE_BOTH}"
                 )
         psi, _ = there._evaluated(responses)
         if not abs(psi - evaluation.psi) <= DIFFERS * max(abs(psi), abs(evaluation.psi)):

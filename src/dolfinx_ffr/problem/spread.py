@@ -83,7 +83,7 @@ def trajectories(
                     by_case[name] = case.trajectory(bodies)
                     continue
                 try:
-                    simulated = integrate(case.mechanism, bodies, case.integrator)
+                    simulated = integrate(case.mechanism, bodies, case.method)
                 except SimulationError as error:
                     if warn:
                         warn_of_limits(error.trajectory, complete=False)
@@ -112,7 +112,7 @@ def trajectories(
             if name not in by_case:
                 numbers_of_case = all_numbers[name]
                 by_case[name] = numbers_of_case and restored(
-                    case.mechanism, bodies, case.integrator, numbers_of_case
+                    case.mechanism, bodies, case.method, numbers_of_case
                 )
     return {name: by_case[name] for name in cases}
 
@@ -153,11 +153,13 @@ def _mine(comm: MPI.Comm, costs: Mapping[Key, float]) -> list[Key]:
 
 def _cost(case: MechanicalProblem, bodies: Bodies) -> float:
     """Steps times coordinates, to which the time of a simulation is about proportional."""
+    if not case.needs_trajectory:
+        return 0.0
     space = any(body.dimension == 3 for body in bodies.values())
     coordinates = sum((6 if space else 3) + body.modes for body in bodies.values())
     # most joints leave one coordinate of a body free, in the plane and in space
     size = coordinates + (5 if space else 2) * len(case.mechanism.joints)
-    return float((case.integrator.instants or INSTANTS) * size) * case.needs_trajectory
+    return float((case.method.instants or INSTANTS) * size)
 
 
 def _joined(mappings: Sequence[Mapping[Key, Any]]) -> dict[Key, Any]:
@@ -184,9 +186,16 @@ def _recorded(case: str, recorded: dict[str, list[tuple[type[Warning], str]]]) -
 
 
 def checked_memory(bodies: DesignedBodies, cases: Cases, available: int, *, adjoint: bool) -> None:
-    """Refuse trajectories that take more than the memory ``available`` [bytes]."""
+    """Refuse trajectories that take more than the memory ``available`` [bytes].
+
+    Of a `TimeInterval` nothing is known before its steps are chosen.
+    """
     modes, space = bodies.modes.values(), bodies.space
-    needed = {n: m.integrator for n, m in cases.items() if m.needs_trajectory}
+    needed = {
+        name: case.integrator
+        for name, case in cases.items()
+        if case.needs_trajectory and not isinstance(case.integrator, TimeInterval)
+    }
     with on_every_rank(bodies.comm, WORK):
         memory = {
             n: required_memory(integrator, modes, space=space) for n, integrator in needed.items()
@@ -227,8 +236,10 @@ def chosen_again(
     choices: dict[str, StepChoice] = {}
     with on_every_rank(comm, "the choice of time steps"):
         for name, case in cases.items():
-            tolerance = case.integrator.chosen_for
-            if tolerance is None or responses[name].simulated is None:
+            if responses[name].simulated is None:
+                continue
+            tolerance = case.method.chosen_for
+            if tolerance is None:
                 continue
             interval = TimeInterval(case.integrator.end_time, tolerance)
             choice = case.choice(responses[name], interval)

@@ -211,10 +211,10 @@ def _load_cases(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _integration(case: MechanicalProblem, trajectory: Trajectory | None) -> dict[str, Any]:
-    method = case.integrator
-    entry: dict[str, Any] = {"integrator": type(method).__name__, "duration": method.end_time}
-    entry["order"] = method.order
+    asked = case.integrator
+    entry: dict[str, Any] = {"integrator": type(asked).__name__, "duration": asked.end_time}
     if trajectory is not None:
+        entry["order"] = case.method.order
         entry["steps"] = len(trajectory.step_ends) - 1
     return entry
 

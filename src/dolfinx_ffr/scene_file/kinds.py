@@ -75,7 +75,8 @@ KINDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "Start": (mechanism.Assembled, mechanism.StaticEquilibrium),
     "Parameters": (mechanism.Parameters,),
     # problem
-    "Integrator": (dynamics.TimeInterval, dynamics.GeneralizedAlpha, dynamics.RadauIIA),
+    "Integrator": (dynamics.GeneralizedAlpha, dynamics.RadauIIA),
+    "TimeInterval": (dynamics.TimeInterval,),
     "Objective": (
         objective.IntegralCompliance,
         objective.PeakCompliance,

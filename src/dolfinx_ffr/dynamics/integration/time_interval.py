@@ -8,15 +8,11 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from time import perf_counter
-from typing import ClassVar
 
 from ... import validation
-from ...arrays import Array
-from ..compilation import Compiled
 from ..failures import SimulationError
 from ..load_steps import LoadSteps
-from ..model import FlatModel
-from ..trajectory import Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
+from ..trajectory import Integrator, Trajectory
 from .accuracy import LOOSEST, TIGHTEST
 from .certificate import (
     COST,
@@ -98,7 +94,7 @@ class StepChoice:
 
 
 @dataclass(frozen=True)
-class TimeInterval(Integrator):
+class TimeInterval:
     """Time interval of a simulation, and the error of psi that its steps may make.
 
     In place of an integrator it leaves method and steps to :class:`Problem` and
@@ -124,13 +120,8 @@ class TimeInterval(Integrator):
 
     Attributes:
         end_time: Duration of the simulation, which starts at zero [s].
-        chosen_for: Relative error of an objective for which a `TimeInterval` chose these steps,
-            else None.
         tolerance: Largest relative error of all objectives by the steps.
     """
-
-    order: ClassVar[int] = 2
-    compiled: ClassVar[tuple[Compiled, ...]] = (*RadauIIA.compiled, *GeneralizedAlpha.compiled)
 
     end_time: float
     tolerance: float = 1e-4
@@ -187,34 +178,6 @@ class TimeInterval(Integrator):
         while steps <= MOST_STEPS:
             yield GeneralizedAlpha(self.end_time, steps, spectral_radius, chosen_for=self.tolerance)
             steps *= 2
-
-    @property
-    def adaptive(self) -> bool:
-        return True
-
-    @property
-    def instants(self) -> int:
-        return 0
-
-    @property
-    def finer(self) -> Integrator:
-        return TimeInterval(self.end_time, max(0.1 * self.tolerance, TIGHTEST))
-
-    def amplification(self, phase: float) -> float:
-        raise TypeError(_NOT_CHOSEN)
-
-    def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
-        raise TypeError(_NOT_CHOSEN)
-
-    def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
-        raise TypeError(_NOT_CHOSEN)
-
-
-#: Error where steps are needed before they are chosen
-_NOT_CHOSEN = (
-    "a TimeInterval has no steps before they are chosen for an objective: give it to Problem or "
-    "MechanicalProblem, or an integrator here"
-)
 
 
 def recorded(integrator: Integrator) -> str:
