@@ -24,7 +24,7 @@ from . import validation
 from .arrays import Array, summed
 from .body import VolumeIntegrals
 from .dynamics import (
-    REFERENCE,
+    CHOICE,
     Bars,
     Certificate,
     FlatModel,
@@ -443,7 +443,8 @@ class MechanicalProblem:
             return self.stepping(self.choice(given, interval))
         cells, damped = load_cells(self.mechanism, given.bodies, interval.end_time)
         judged = self._judged(given)
-        exact = certified(*judged, cells, REFERENCE * tolerance, damped=damped)
+        share = CHOICE.share_of_certificate * tolerance
+        exact = certified(*judged, cells, share, damped=damped)
         methods = [self.integrator]
         if isinstance(self.integrator, GeneralizedAlpha) and not cells.corners.size and not damped:
             methods.append(replace(self.integrator, spectral_radius=1.0))

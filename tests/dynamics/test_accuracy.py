@@ -17,6 +17,7 @@ from shared.scenes import SCENES, Scene, slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import GeneralizedAlpha, RadauIIA, SimulationError, Trajectory, simulate
+from dolfinx_ffr.dynamics.integration import accuracy
 from dolfinx_ffr.mechanical_problem import MechanicalProblem
 from dolfinx_ffr.mechanism import Ground, Placement, Revolute
 from dolfinx_ffr.mechanism.motion import Motion
@@ -160,7 +161,8 @@ def test_out_of_reach() -> None:
 
 
 def test_jumps_that_nobody_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dolfinx_ffr.dynamics.integration.accuracy.MOST_STEPS", 1000)
+    fewer = replace(accuracy.ACCURACY, most_steps=1000)
+    monkeypatch.setattr(accuracy, "ACCURACY", fewer)
     scene = pendulum()
     jumpy = replace(scene.mechanism, gravity=(0.0, lambda t: np.where(t > 1.1234567, 0.0, -9.81)))
     begin = RadauIIA(2.0, steps=50)

@@ -7,6 +7,7 @@ from .adjoint import Bars as Bars
 from .adjoint import adjoint
 from .equations import ACCELERATIONS, CONSTRAINTS, FORCES
 from .failures import SimulationError as SimulationError
+from .integration.certificate import CHOICE as CHOICE
 from .integration.certificate import Certificate as Certificate
 from .integration.certificate import Judge as Judge
 from .integration.certificate import Run as Run
@@ -19,7 +20,6 @@ from .integration.compiled import compiled_functions as compiled_functions
 from .integration.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from .integration.radau import RadauIIA as RadauIIA
 from .integration.stages import stage_integrals as stage_integrals
-from .integration.time_interval import REFERENCE as REFERENCE
 from .integration.time_interval import StepChoice as StepChoice
 from .integration.time_interval import TimeInterval as TimeInterval
 from .integration.time_interval import recorded as recorded

@@ -15,33 +15,48 @@ from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice, pairwise, takewhile
+from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import Array, Mask
 from .tables import BESIDE_JUMP, TimeTables, once_for_a_mechanism
 
-#: Samples of all cells together, and of one cell at least. A blow that lasts less than a hundred
-#: thousandth of the motion may be missed: it must be named (`Mechanism.jumps`).
-SAMPLES, FEWEST_SAMPLES = 2**17, 64
-#: Samples of a cell that has been divided until it had too few
-_AGAIN = 256
-#: Samples for a look at steps that are given, or that follow from a tolerance
-FEWER_SAMPLES = 2**14
-#: Samples that are taken at once: enough for a call, few beside what a motion holds
-_AT_ONCE = 4096
-#: Cells to begin with. With fewer steps of Radau IIA, 25 or 35 in five turns of a crank, Newton's
-#: method failed now and then at other designs than the one at which they are chosen.
-FEWEST_CELLS = 50
-#: Largest distance of a sample from the cubic polynomial of its cell, in parts of the range of the
-#: quantity: half a percent is far more than a step of Radau IIA that follows the load leaves
-RESOLVED = 5e-3
-#: Most cells. Beyond, the load is noise, or longer than what can be followed
-MOST_CELLS = 2**13
-#: Part of the duration by which a jump that nobody named may lie behind its time
-JUST_BEFORE = 4.0 * BESIDE_JUMP
-#: Columns whose range is below this share of the largest in their table are round-off
-_ROUND_OFF = 1e-9
+
+@dataclass(frozen=True)
+class Sampling:
+    """How densely loads and motions are sampled, and what counts as smooth."""
+
+    #: Samples of all cells together. A blow that lasts less than a hundred thousandth of the motion
+    #: may be missed: it must be named (`Mechanism.jumps`).
+    samples: int = 2**17
+    #: Samples for a look at steps that are given, or that follow from a tolerance.
+    samples_of_a_look: int = 2**14
+    fewest_samples: int = 64  #: Fewest samples of a cell.
+    samples_again: int = 256  #: Samples of a cell that has been divided until it had too few.
+    #: Samples that are taken at once: enough for a call, few beside what a motion holds.
+    samples_at_once: int = 4096
+    #: Cells to begin with. With fewer steps of Radau IIA, 25 or 35 in five turns of a crank,
+    #: Newton's method failed now and then at other designs than the one at which they are chosen.
+    fewest_cells: int = 50
+    #: Most cells. Beyond, the load is noise, or longer than what can be followed.
+    most_cells: int = 2**13
+    #: Largest distance of a sample from the cubic polynomial of its cell, in parts of the range of
+    #: the quantity: far more than a step of Radau IIA that follows the load leaves.
+    resolved: float = 5e-3
+    #: A change between two samples is a jump if it exceeds the usual one so many times.
+    times_the_usual: float = 3.0
+    #: Share of a jump that remains between two samples however near they are.
+    sudden: float = 0.7
+    #: Part of the duration by which a jump that nobody named may lie behind its time.
+    just_before: float = 4.0 * BESIDE_JUMP
+    #: Part of the duration below which no cell is divided.
+    shortest_cell: float = 1e-12
+    #: Columns whose range is below this share of the largest in their table are round-off.
+    round_off: float = 1e-9
+
+
+SAMPLING = Sampling()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +73,19 @@ class LoadSteps:
     resolved: bool
 
 
+class _Cell(NamedTuple):
+    """A stretch of time in which loads are to be smooth."""
+
+    begin: float
+    end: float
+    samples: Array | None = None  #: Shape (samples, quantities), where they have been taken.
+    divided: bool = False  #: Whether it is a part of a cell that was not smooth.
+
+
 @once_for_a_mechanism
-def load_steps(tables: TimeTables, end_time: float, samples: int = SAMPLES) -> LoadSteps:
+def load_steps(tables: TimeTables, end_time: float, samples: int = SAMPLING.samples) -> LoadSteps:
     """Cells from 0 to the end time [s] in which loads and motions are smooth, by some samples."""
-    return _Search(tables, end_time, samples).found()
+    return _Search(tables, end_time, samples).run()
 
 
 def equal_steps(corners: Array, counts: Array, fewest: int) -> Array:
@@ -72,127 +96,131 @@ def equal_steps(corners: Array, counts: Array, fewest: int) -> Array:
 
 
 class _Search:
-    """Division of cells, with the samples that have been taken of each."""
+    """Division of cells until all are smooth."""
 
     def __init__(self, tables: TimeTables, end_time: float, samples: int) -> None:
         self.tables, self.end_time = tables, end_time
-        named = tables.jumps[tables.jumps < end_time * (1.0 - 1e-12)]
+        named = tables.jumps[tables.jumps < end_time * (1.0 - SAMPLING.shortest_cell)]
         self.corners: list[float] = list(named)
         walls = np.array([0.0, *named, end_time])
-        self.equal = equal_steps(walls, np.diff(walls) * (FEWEST_CELLS / end_time), 1)
+        self.equal = equal_steps(walls, np.diff(walls) * (SAMPLING.fewest_cells / end_time), 1)
         # a power of two, so that the halves of a cell have the samples of cells of their own
-        each = max(samples // (self.equal.size - 1), FEWEST_SAMPLES)
-        self.count = 2 ** int(math.log2(each))
+        count = max(samples // (self.equal.size - 1), SAMPLING.fewest_samples)
+        self.count = 2 ** int(math.log2(count))
         few = np.linspace(0.0, end_time, 1025)
         self.scale = self._range(self._raw(0.5 * (few[1:] + few[:-1])))
 
     def _raw(self, times: Array) -> Array:
         """All loads and prescribed motions side by side, shape (instants, quantities)."""
-        tables = self.tables.tabulate(times).values()
-        parts = [np.reshape(table, (times.size, -1)) for table in tables]
-        self.widths = [part.shape[1] for part in parts]
-        return np.concatenate(parts, axis=1)
+        tables = [np.reshape(t, (times.size, -1)) for t in self.tables.tabulate(times).values()]
+        self.widths = [table.shape[1] for table in tables]
+        return np.concatenate(tables, axis=1)
 
     def _range(self, samples: Array) -> Array:
         """Range of each quantity; the largest value of its table if it is constant to round-off."""
         span = np.ptp(samples, axis=0)
-        size = np.max(np.abs(samples), axis=0, initial=0.0)
-        largest = np.concatenate(
-            [
-                np.full(part.size, np.max(part, initial=0.0))
-                for part in np.split(size, np.cumsum(self.widths)[:-1])
-            ]
-        )
+        sizes = np.split(np.max(np.abs(samples), axis=0, initial=0.0), np.cumsum(self.widths)[:-1])
+        largest = np.concatenate([np.full(s.size, np.max(s, initial=0.0)) for s in sizes])
         floor = np.where(largest > 0.0, largest, 1.0)
-        return np.where(span > _ROUND_OFF * floor, span, floor)
+        return np.where(span > SAMPLING.round_off * floor, span, floor)
 
     def sampled(self, times: Array) -> Array:
         """All loads and prescribed motions over their ranges, shape (instants, quantities)."""
         return self._raw(times) / self.scale
 
-    def found(self) -> LoadSteps:
-        done: list[tuple[float, bool]] = []
+    def run(self) -> LoadSteps:
+        finished: list[_Cell] = []
         resolved = True
         # the long ones first, so that all are about as short where there would be too many
         pending, special = self._begun()
         while pending:
-            a, b, samples, divided = pending.popleft()
-            if samples is None and not divided:
-                # a call costs more than some hundred samples: those of the next cells, too
-                at_once = max(_AT_ONCE // self.count, 1)
-                following = islice(pending, at_once - 1)
-                fresh = takewhile(lambda cell: cell[2] is None and not cell[3], following)
-                cells = [(a, b), *(cell[:2] for cell in fresh)]
-                times = [_inside(*cell, self.count) for cell in cells]
-                samples, *others = np.split(self.sampled(np.concatenate(times)), len(times))
-                for k, own in enumerate(others):
-                    pending[k] = (*pending[k][:2], own, False)
-            elif samples is None:
-                samples = self.sampled(_inside(a, b, _AGAIN))
-            smooth = _distance_from_cubic(samples) <= RESOLVED
-            if smooth or b - a <= 1e-12 * self.end_time or len(done) + len(pending) > MOST_CELLS:
+            cell = pending.popleft()
+            begin, end, samples, divided = cell
+            if samples is None:
+                count = SAMPLING.samples_again if divided else self.count
+                samples = self._samples_of(cell, pending, count)
+            smooth = _distance_from_cubic(samples) <= SAMPLING.resolved
+            too_many = len(finished) + len(pending) > SAMPLING.most_cells
+            if smooth or too_many or end - begin <= SAMPLING.shortest_cell * self.end_time:
                 resolved = resolved and smooth
-                done.append((b, divided))
-                special += [a, b] if divided else []
+                finished.append(cell)
+                special += [begin, end] if divided else []
                 continue
-            jump = self._jump(a, b, samples)
+
+            jump = self._jump(begin, end, samples)
             if jump is not None:
                 self.corners.append(jump)
                 special.append(jump)
-                pending += [(a, jump, None, divided), (jump, b, None, divided)]
+                pending += [_Cell(begin, jump, None, divided), _Cell(jump, end, None, divided)]
                 continue
-            half, middle = len(samples) // 2, 0.5 * (a + b)
-            few = half < FEWEST_SAMPLES
+
+            half, middle = len(samples) // 2, 0.5 * (begin + end)
+            enough = half >= SAMPLING.fewest_samples
             pending += [
-                (a, middle, None if few else samples[:half], True),
-                (middle, b, None if few else samples[half:], True),
+                _Cell(begin, middle, samples[:half] if enough else None, True),
+                _Cell(middle, end, samples[half:] if enough else None, True),
             ]
-        inner = [t for t in special if 0.0 < t < self.end_time]
-        done.sort()
-        ends = np.array([0.0, *(end for end, _ in done)])
+        return self._steps(finished, special, resolved)
+
+    def _samples_of(self, cell: _Cell, pending: deque[_Cell], count: int) -> Array:
+        """Samples of a cell; a call costs more than some hundred, so those of next cells, too."""
+        if cell.divided:
+            return self.sampled(_inside(cell.begin, cell.end, count))
+        following = islice(pending, max(SAMPLING.samples_at_once // count, 1) - 1)
+        fresh = takewhile(lambda c: c.samples is None and not c.divided, following)
+        times = [_inside(c.begin, c.end, count) for c in (cell, *fresh)]
+        samples, *of_next = np.split(self.sampled(np.concatenate(times)), len(times))
+        for k, samples_of_cell in enumerate(of_next):
+            pending[k] = pending[k]._replace(samples=samples_of_cell)
+        return samples
+
+    def _steps(self, cells: list[_Cell], special: list[float], resolved: bool) -> LoadSteps:
+        """The cells in order of time."""
+        cells.sort(key=lambda cell: (cell.end, cell.divided))
+        ends = np.array([0.0, *(cell.end for cell in cells)])
         at_jump = np.isin(ends, self.corners)
+        divided = np.array([cell.divided for cell in cells])
         return LoadSteps(
             ends,
             np.unique(self.corners),
-            np.unique(np.array(inner)),
-            np.array([divided for _, divided in done]) | (at_jump[:-1] & at_jump[1:]),
+            np.unique(np.array([t for t in special if 0.0 < t < self.end_time])),
+            divided | (at_jump[:-1] & at_jump[1:]),
             resolved,
         )
 
-    def _begun(self) -> tuple[deque[tuple[float, float, Array | None, bool]], list[float]]:
+    def _begun(self) -> tuple[deque[_Cell], list[float]]:
         """The equal cells, and the jumps where two of them meet."""
         ends = [float(end) for end in self.equal]
         jumps = []
         inner = np.array([end for end in ends[1:-1] if end not in self.corners])
         # two samples on either side of where two cells meet, of all at once
-        at = np.searchsorted(self.equal, inner)
-        before, after = inner - self.equal[at - 1], self.equal[at + 1] - inner
+        numbers = np.searchsorted(self.equal, inner)
+        lengths = np.diff(self.equal)
+        before, after = lengths[numbers - 1], lengths[numbers]
         steps = np.stack([-1.5 * before, -0.5 * before, 0.5 * after, 1.5 * after], axis=1)
-        around = inner[:, None] + steps / self.count
-        found = self.sampled(around.ravel()).reshape(*around.shape, -1)
-        for k, times, samples in zip(at, around, found, strict=True):
-            usual, change, other = np.max(np.abs(np.diff(samples, axis=0)), axis=1, initial=0.0)
-            if change > max(RESOLVED, 3.0 * usual, 3.0 * other):
-                jump = self._located(times[1], times[2], samples[1], samples[2], change)
+        times = inner[:, None] + steps / self.count
+        samples = self.sampled(times.ravel()).reshape(*times.shape, -1)
+        for number, t, values in zip(numbers, times, samples, strict=True):
+            changes = np.max(np.abs(np.diff(values, axis=0)), axis=1, initial=0.0)
+            change, usual = changes[1], max(changes[0], changes[2])
+            if change > max(SAMPLING.resolved, SAMPLING.times_the_usual * usual):
+                jump = self._located(t[1], t[2], values[1], values[2], change)
                 if jump is not None:
-                    ends[k] = jump
+                    ends[number] = jump
                     jumps.append(jump)
         self.corners += jumps
-        pending: deque[tuple[float, float, Array | None, bool]] = deque(
-            (a, b, None, False) for a, b in pairwise(ends)
-        )
-        return pending, jumps
+        return deque(_Cell(a, b) for a, b in pairwise(ends)), jumps
 
     def _jump(self, a: float, b: float, samples: Array) -> float | None:
         """The time just before the largest jump within a cell, if there is one."""
         changes = np.max(np.abs(np.diff(samples, axis=0)), axis=1, initial=0.0)
         k = int(np.argmax(changes))
-        change = changes[k]
         # what changes as fast in many places is no jump
-        if change <= max(RESOLVED, 3.0 * float(np.quantile(changes, 0.9))):
+        usual = float(np.quantile(changes, 0.9))
+        if changes[k] <= max(SAMPLING.resolved, SAMPLING.times_the_usual * usual):
             return None
         low, high = _inside(a, b, len(samples))[k : k + 2]
-        jump = self._located(low, high, samples[k], samples[k + 1], change)
+        jump = self._located(low, high, samples[k], samples[k + 1], changes[k])
         return jump if jump is not None and a < jump < b else None
 
     def _located(
@@ -201,17 +229,17 @@ class _Search:
         """The time just before a jump between two samples; None where they change smoothly."""
         while True:
             middle = 0.5 * (low + high)
-            if high - low <= JUST_BEFORE * self.end_time or not low < middle < high:
+            if high - low <= SAMPLING.just_before * self.end_time or not low < middle < high:
                 # the tables hold at the very time of a jump the values before it
                 return float(low)
-            here = self.sampled(np.array([middle]))[0]
-            before, after = np.max(np.abs(here - left)), np.max(np.abs(right - here))
-            if max(before, after) < 0.7 * change:
+            values = self.sampled(np.array([middle]))[0]
+            from_left, to_right = np.max(np.abs(values - left)), np.max(np.abs(right - values))
+            if max(from_left, to_right) < SAMPLING.sudden * change:
                 return None
-            if before > after:
-                high, right = middle, here
+            if from_left > to_right:
+                high, right = middle, values
             else:
-                low, left = middle, here
+                low, left = middle, values
 
 
 def _inside(a: float, b: float, count: int) -> Array:
@@ -222,8 +250,8 @@ def _inside(a: float, b: float, count: int) -> Array:
 def _distance_from_cubic(samples: Array) -> float:
     """Largest distance of samples (count, quantities) from the nearest cubic polynomials."""
     basis = _cubics(len(samples))
-    rest = samples - basis @ (basis.T @ samples)
-    return float(np.max(np.abs(rest), initial=0.0))
+    remainder = samples - basis @ (basis.T @ samples)
+    return float(np.max(np.abs(remainder), initial=0.0))
 
 
 @lru_cache

@@ -12,10 +12,9 @@ import numpy as np
 from ..mechanism import Gear, PlacementWarning
 from .initial import placement_corrections, reversed_joint, widest_gap
 from .kinematics import Kinematics, elastic_mass, length_of, mass_norm, norm_floors, tilts
-from .load_steps import FEWER_SAMPLES, load_steps
-from .resonance import resonance_error
+from .load_steps import SAMPLING, load_steps
 from .trajectory import Trajectory
-from .vibrations import lost_vibrations
+from .vibrations import lost_vibrations, resonance_error
 
 #: Kinds and texts of warnings.
 Warnings = Iterator[tuple[type[UserWarning], str]]
@@ -253,14 +252,14 @@ def _resonance(trajectory: Trajectory) -> Warnings:
     if tolerance is None:
         return
     worst = resonance_error(trajectory, tolerance)
-    if worst.error > tolerance:
+    if worst.share > tolerance:
         yield (
             TimeStepWarning,
             f"body {worst.body!r} vibrates with {worst.frequency:.4g} Hz, near a frequency of its "
             f"own, and {trajectory.integrator.in_words}, chosen for an error of {tolerance:.1e} of "
-            f"other designs, change its mean strain energy by an estimated {worst.error:.1e}; "
+            f"other designs, change its mean strain energy by an estimated {worst.share:.1e}; "
             "choose anew at this one by Problem.with_steps_for, or give TimeInterval a tolerance "
-            f"of {0.5 * tolerance * tolerance / worst.error:.1e}",
+            f"of {0.5 * tolerance * tolerance / worst.share:.1e}",
         )
 
 
@@ -281,7 +280,7 @@ def _unjudged_forces(trajectory: Trajectory) -> Warnings:
 def _loads(trajectory: Trajectory) -> Warnings:
     """Loads and motions that change within a step."""
     ends, order = trajectory.step_ends, trajectory.integrator.order
-    found = load_steps(trajectory.model.tables, float(ends[-1]), FEWER_SAMPLES)
+    found = load_steps(trajectory.model.tables, float(ends[-1]), SAMPLING.samples_of_a_look)
     begins, lengths = found.ends[:-1], np.diff(found.ends)
     middle = begins + 0.5 * lengths
     steps = np.diff(ends)[np.clip(np.searchsorted(ends, middle) - 1, 0, ends.size - 2)]

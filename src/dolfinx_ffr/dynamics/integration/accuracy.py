@@ -10,7 +10,7 @@ safe side.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,12 +21,22 @@ from ..kinematics import Kinematics, mass_norm, norm_floors
 from ..trajectory import Integrator, Trajectory
 from .certificate import Run
 
-#: Most steps that are tried.
-MOST_STEPS = 2**17
-#: Least change of the estimated error of forces by halved steps, below which they converge
-CONVERGING = 0.5
-#: Bounds of what may be asked for.
-TIGHTEST, LOOSEST = 1e-12, 0.1
+
+@dataclass(frozen=True)
+class AccuracyOptions:
+    """What may be asked for, and how far steps are shortened for it."""
+
+    tightest: float = 1e-12  #: Least tolerance.
+    loosest: float = 0.1  #: Largest tolerance.
+    most_steps: int = 2**17  #: Most steps that are tried.
+    #: Change of the estimated error of forces by halved steps, below which they converge.
+    converging: float = 0.5
+    #: Steps that are far too long are not of the method's order yet: a gain beyond it, of this
+    #: factor, is left to them.
+    beyond_order: float = 100.0
+
+
+ACCURACY = AccuracyOptions()
 
 
 def _position_error(fine: Trajectory, coarse: Trajectory) -> float:
@@ -75,7 +85,7 @@ def run_to_tolerance(integrator: Integrator, tolerance: float, run: Run) -> Traj
     tolerance, too, unless they do not converge, as where they jump at times that nobody named; the
     trajectory's ``force_error`` tells.
     """
-    validation.number("tolerance", tolerance, least=TIGHTEST, most=LOOSEST)
+    validation.number("tolerance", tolerance, least=ACCURACY.tightest, most=ACCURACY.loosest)
     integrator = integrator.toward(tolerance)
     forces = math.inf
     while True:
@@ -87,13 +97,13 @@ def run_to_tolerance(integrator: Integrator, tolerance: float, run: Run) -> Traj
             coarse = run(integrator.with_steps_of(trajectory).coarser)
             estimate = _position_error(trajectory, coarse)
             if math.isnan(trajectory.force_error):
-                before, forces = forces, _force_error(trajectory, coarse)
+                coarser_forces, forces = forces, _force_error(trajectory, coarse)
                 trajectory = replace(trajectory, force_error=forces)
-                unresolved = math.sqrt(tolerance) < forces <= CONVERGING * before
+                unresolved = math.sqrt(tolerance) < forces <= ACCURACY.converging * coarser_forces
             trajectory = replace(trajectory, error=estimate)
         except SimulationError:
             # Shorter steps may help; adaptive ones have been as short as they can be.
-            too_many = 2 * _steps(integrator, None) > MOST_STEPS
+            too_many = 2 * _steps(integrator, None) > ACCURACY.most_steps
             if trajectory is None and (integrator.adaptive or too_many):
                 raise
         if trajectory is not None:
@@ -119,11 +129,11 @@ def _steps(integrator: Integrator, trajectory: Trajectory | None) -> int:
 def _may_do(finer: Integrator, trajectory: Trajectory, tolerance: float) -> bool:
     """Whether a finer method is allowed, and may do by its order."""
     steps = _steps(finer, trajectory)
-    if steps > MOST_STEPS:
+    if steps > ACCURACY.most_steps:
         return False
     if finer.adaptive:
         return not finer.finest
     if not math.isfinite(trajectory.error):
         return True
-    # Steps that are far too long are not of that order yet: a hundredfold gain is left to them.
-    return trajectory.error * (steps / MOST_STEPS) ** finer.order <= 100.0 * tolerance
+    error = trajectory.error * (steps / ACCURACY.most_steps) ** finer.order
+    return error <= ACCURACY.beyond_order * tolerance

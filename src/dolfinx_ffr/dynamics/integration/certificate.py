@@ -27,9 +27,9 @@ import numpy as np
 
 from ...arrays import Array
 from ..failures import SimulationError
-from ..load_steps import FEWEST_CELLS, LoadSteps, equal_steps
+from ..load_steps import SAMPLING, LoadSteps, equal_steps
 from ..trajectory import Integrator, Trajectory
-from .radau import LOOSEST, SAME, RadauIIA
+from .radau import CONTROL, RadauIIA
 from .witness import TrapezoidalWitness
 
 #: Simulates with a method.
@@ -37,18 +37,38 @@ Run = Callable[[Integrator], Trajectory]
 #: The numbers that are asked for, of a trajectory, shape (numbers,).
 Judge = Callable[[Trajectory], Array]
 
-#: Time of a step of Radau IIA and its adjoint over that of generalised alpha: 5.7 to 8.6 were
-#: measured with 4 to 80 normal modes. A number, so that the choice does not depend on the machine.
-COST = 6
-#: Steps of the trapezoidal rule for one of Radau IIA, which then take about the same time
-EACH = 4
-#: Factor of the change of three trajectories, as steps that do not resolve a vibration may agree by
-#: chance
-LUCK = 3.0
-#: Relative accuracy with which the error of given numbers is estimated
-NEAR = 0.2
-#: Most steps of all trajectories of a certificate, in steps of generalised alpha
-MOST_WORK = 2**19
+
+@dataclass(frozen=True)
+class ChoiceOptions:
+    """How accurate numbers are looked for, and the cheapest steps that reach them."""
+
+    #: Time of a step of Radau IIA and its adjoint over that of generalised alpha: 5.7 to 8.6 were
+    #: measured with 4 to 80 normal modes. A number, so that the choice does not depend on the
+    #: machine.
+    cost: int = 6
+    #: Steps of the trapezoidal rule for one of Radau IIA, which then take about the same time.
+    trapezoidal_steps: int = 4
+    #: Factor of the change of three trajectories, as steps that do not resolve a vibration may
+    #: agree by chance.
+    luck: float = 3.0
+    near: float = 0.2  #: Relative accuracy with which the error of given numbers is estimated.
+    #: Most steps of all trajectories of a certificate, in steps of generalised alpha.
+    most_work: int = 2**19
+    #: Share of a tolerance that is left to the certified numbers.
+    share_of_certificate: float = 1.0 / 3.0
+    fewest_steps: int = 250  #: Steps of generalised alpha to begin with.
+    #: Most steps that are chosen, of generalised alpha; of Radau IIA as many as cost the same.
+    most_steps: int = 2**16
+    #: Where the tolerance is out of reach, an error up to this factor above the least is as good.
+    as_good: float = 1.5
+
+    @property
+    def cost_of_both(self) -> int:
+        """Time of a step of Radau IIA and of those of the trapezoidal rule beside it."""
+        return self.cost + self.trapezoidal_steps
+
+
+CHOICE = ChoiceOptions()
 
 
 @dataclass(frozen=True)
@@ -84,42 +104,41 @@ def certified(
     """Numbers to a relative tolerance, or as certain as the work that is allowed makes them.
 
     `damped` says whether anything in the machine damps vibrations; `near` are the same numbers with
-    some steps, whose error need be known to a share `NEAR` only. Raises the SimulationError or
-    MemoryError of the last method if neither finds a trajectory.
+    some steps, whose error need be known to a share only. Raises the SimulationError or MemoryError
+    of the last method if neither finds a trajectory.
     """
+
+    def enough(values: Array) -> float:
+        """The error of values that is small enough, beside that of the same numbers `near` them."""
+        return max(tolerance, 0.0 if near is None else CHOICE.near * relative_change(values, near))
+
     equal: Certificate | None = None
     failure: SimulationError | MemoryError | None = None
     try:
-        equal = _certified(run, judge, cells, tolerance, damped=damped, near=near)
+        equal = _certified_in(cells, run, judge, tolerance, enough, damped=damped)
     except (SimulationError, MemoryError) as error:
         failure = error
-    if equal is not None and equal.error <= _enough(tolerance, equal.values, near):
+    if equal is not None and equal.error <= enough(equal.values):
         return equal
 
-    cells_of_adaptive_run = graded_cells(run, cells)
-    if cells_of_adaptive_run is not None:
+    graded: Certificate | None = None
+    if (cells_of_adaptive_run := graded_cells(run, cells)) is not None:
         try:
-            graded = _certified(
-                run, judge, cells_of_adaptive_run, tolerance, damped=damped, near=near
+            graded = _certified_in(
+                cells_of_adaptive_run, run, judge, tolerance, enough, damped=damped
             )
         except (SimulationError, MemoryError) as error:
             failure = failure or error
-        else:
-            if equal is None:
-                return graded
-            # long steps may lose vibrations that the equal ones have seen
-            agrees = relative_change(equal.values, graded.values) <= equal.error
-            if agrees and graded.error <= _enough(tolerance, graded.values, near):
-                return graded
     if equal is None:
+        if graded is not None:
+            return graded
         assert failure is not None
         raise failure
+    if graded is not None and graded.error <= enough(graded.values):
+        # long steps may lose vibrations that the equal ones have seen
+        if relative_change(equal.values, graded.values) <= equal.error:
+            return graded
     return equal
-
-
-def _enough(tolerance: float, values: Array, near: Array | None) -> float:
-    """The error of values that is small enough, beside that of the same numbers `near` them."""
-    return max(tolerance, 0.0 if near is None else NEAR * relative_change(values, near))
 
 
 def graded_cells(run: Run, cells: LoadSteps) -> LoadSteps | None:
@@ -129,82 +148,79 @@ def graded_cells(run: Run, cells: LoadSteps) -> LoadSteps | None:
     """
     end_time = float(cells.ends[-1])
     try:
-        ends = run(RadauIIA(end_time, tolerance=LOOSEST)).step_ends
+        ends = run(RadauIIA(end_time, tolerance=CONTROL.loosest)).step_ends
     except (SimulationError, MemoryError):
         return None
     named = np.union1d(cells.corners, cells.special)
     if named.size:
         # the run has found the same jumps and fast changes, but for round-off
-        apart = np.min(np.abs(ends[1:-1, None] - named), axis=1) > SAME * end_time
-        ends = np.union1d(np.append(ends[[0, -1]], named), ends[1:-1][apart])
-    ends = equal_steps(ends, np.ceil(np.diff(ends) * (FEWEST_CELLS / end_time)), 1)
+        distance = np.min(np.abs(ends[1:-1, None] - named), axis=1)
+        inner = ends[1:-1][distance > CONTROL.same_time * end_time]
+        ends = np.union1d(np.append(ends[[0, -1]], named), inner)
+    ends = equal_steps(ends, np.ceil(np.diff(ends) * (SAMPLING.fewest_cells / end_time)), 1)
     lengths = np.diff(ends)
     # Twice as many equal steps are tried anyway, and none of more steps than the work allows.
     gains = end_time > 2.0 * lengths.size * float(np.min(lengths))
-    if not gains or 3 * (COST + EACH) * lengths.size > MOST_WORK:
+    if not gains or 3 * CHOICE.cost_of_both * lengths.size > CHOICE.most_work:
         return None
     return replace(cells, ends=ends, special=ends[1:-1], fast=np.ones(lengths.size, dtype=bool))
 
 
-def _certified(
+def _certified_in(
+    cells: LoadSteps,
     run: Run,
     judge: Judge,
-    cells: LoadSteps,
     tolerance: float,
+    enough: Callable[[Array], float],
     *,
     damped: bool,
-    near: Array | None,
 ) -> Certificate:
-    """The same in given cells."""
+    """Numbers by both methods in cells that are divided until the methods agree."""
     tried: list[tuple[Integrator, Array]] = []
-    radau: list[Array | None] = []
-    kept: list[Array | None] = []
-    failure: Exception | None = None
+    failure: SimulationError | MemoryError | None = None
+
+    def numbers_by(method: Integrator) -> Array | None:
+        nonlocal failure
+        try:
+            numbers = judge(run(method))
+        except (SimulationError, MemoryError) as error:
+            failure = error
+            return None
+        tried.append((method, numbers))
+        return numbers
+
+    by_radau: list[Array | None] = []
+    by_trapezoids: list[Array | None] = []
     best: _Agreement | None = None
-    work, each, end_time = 0, 1, float(cells.ends[-1])
-    count = cells.ends.size - 1
-    while work == 0 or work + (COST + EACH) * count * each <= MOST_WORK:
-        work += (COST + EACH) * count * each
-        for method, found in (
-            (radau_in(cells, each), radau),
-            (TrapezoidalWitness(end_time, cells, EACH * each), kept),
-        ):
-            try:
-                numbers = judge(run(method))
-            except (SimulationError, MemoryError) as error:
-                failure = error
-                found.append(None)
-                continue
-            found.append(numbers)
-            tried.append((method, numbers))
-        each *= 2
-        agreement = _agreement(radau, kept, damped=damped)
+    end_time, count = float(cells.ends[-1]), cells.ends.size - 1
+    work, steps_of_cell = 0, 1
+    while work == 0 or work + CHOICE.cost_of_both * count * steps_of_cell <= CHOICE.most_work:
+        work += CHOICE.cost_of_both * count * steps_of_cell
+        by_radau.append(numbers_by(radau_in(cells, steps_of_cell)))
+        witness = TrapezoidalWitness(end_time, cells, CHOICE.trapezoidal_steps * steps_of_cell)
+        by_trapezoids.append(numbers_by(witness))
+        steps_of_cell *= 2
+        agreement = _agreement(by_radau, by_trapezoids, damped=damped)
         if agreement is None:
             continue
         if best is None or agreement.gap <= best.gap:
             best = agreement
-        if agreement.gap <= _enough(tolerance, agreement.values, near):
+        if agreement.gap <= enough(agreement.values):
             break
-    if best is None:
-        best = _last_resort(radau, kept)
+    best = best or _by_one_method(by_radau) or _by_one_method(by_trapezoids)
     if best is None:
         assert failure is not None
         raise failure
-    against = [best.values]
+    trusted = [best.values]
     if best.gap > tolerance:  # then the other method may know better
-        against += [values for values in kept[-1:] if values is not None]
-    rings = any(_rings(radau, values, tolerance) for values in against)
+        trusted += [values for values in by_trapezoids[-1:] if values is not None]
+    rings = any(_rings(by_radau, values, tolerance) for values in trusted)
     return Certificate(best.values, best.gap, best.error, rings, tuple(tried), cells)
 
 
-def _ahead(now: Array, before: Array | None) -> Array:
-    """Numbers of second order where all is resolved: a third of the last change lies ahead."""
-    return now if before is None else now + (now - before) / 3.0
-
-
-def _rings(radau: list[Array | None], exact: Array, tolerance: float) -> bool:
+def _rings(by_radau: list[Array | None], exact: Array, tolerance: float) -> bool:
     """Whether Radau IIA seemed to have converged and had not, as it damps vibrations."""
-    coarse, fine = [*radau, None, None][:2]
+    coarse, fine = [*by_radau, None, None][:2]
     if coarse is None or fine is None:
         return False
     apparent = max(relative_change(fine, coarse), tolerance)
@@ -221,44 +237,45 @@ class _Agreement:
 
 
 def _agreement(
-    radau: list[Array | None], kept: list[Array | None], *, damped: bool
+    by_radau: list[Array | None], by_trapezoids: list[Array | None], *, damped: bool
 ) -> _Agreement | None:
     """The numbers to trust after the last trajectories of both methods; None of the first ones."""
     options: list[_Agreement] = []
-    damping, before = _last(radau, 2)
-    keeping, previous = _last(kept, 2)
-    if damping is not None and before is not None and keeping is not None:
-        ends = keeping, _ahead(keeping, previous)
-        gap = min(relative_change(damping, end) for end in ends)
-        gap = max(gap, relative_change(damping, before) / 4.0)
-        options.append(_Agreement(damping, gap, gap))
-    if not damped and len(kept) > 2:
-        keeping, previous, first = _last(kept, 3)
-        if keeping is not None and previous is not None and first is not None:
-            change = max(relative_change(keeping, previous), relative_change(keeping, first))
-            options.append(_Agreement(keeping, LUCK * change, change))
+    radau, coarser_radau = _newest(by_radau, 2)
+    trapezoids, coarser, coarsest = _newest(by_trapezoids, 3)
+    if radau is not None and coarser_radau is not None and trapezoids is not None:
+        gap = relative_change(radau, trapezoids)
+        if coarser is not None:
+            # of second order: a third of the last change lies ahead
+            extrapolated = trapezoids + (trapezoids - coarser) / 3.0
+            gap = min(gap, relative_change(radau, extrapolated))
+        gap = max(gap, relative_change(radau, coarser_radau) / 4.0)
+        options.append(_Agreement(radau, gap, gap))
+    if not damped and trapezoids is not None and coarser is not None and coarsest is not None:
+        change = max(relative_change(trapezoids, coarser), relative_change(trapezoids, coarsest))
+        options.append(_Agreement(trapezoids, CHOICE.luck * change, change))
     return min(options, key=lambda option: option.gap, default=None)
 
 
-def _last(found: list[Array | None], count: int) -> list[Array | None]:
+def _newest(numbers: list[Array | None], count: int) -> list[Array | None]:
     """The last `count` entries, the newest first, filled up with None."""
-    return [*found[::-1], *[None] * count][:count]
+    return [*numbers[::-1], *[None] * count][:count]
 
 
-def _last_resort(radau: list[Array | None], kept: list[Array | None]) -> _Agreement | None:
-    """Last change and numbers of one method alone, where the other finds no trajectory."""
-    for found in (radau, kept):
-        good = [values for values in found if values is not None]
-        if len(good) > 1:
-            change = relative_change(good[-1], good[-2])
-            return _Agreement(good[-1], change, change)
-    return None
+def _by_one_method(numbers: list[Array | None]) -> _Agreement | None:
+    """The last numbers of a method alone and their change, where the other has no trajectory."""
+    computed = [values for values in numbers if values is not None]
+    if len(computed) < 2:
+        return None
+    change = relative_change(computed[-1], computed[-2])
+    return _Agreement(computed[-1], change, change)
 
 
-def radau_in(cells: LoadSteps, each: int) -> RadauIIA:
+def radau_in(cells: LoadSteps, steps_of_cell: int) -> RadauIIA:
     """Radau IIA in the given cells, each divided into a number of steps."""
     ends = cells.ends
     if not cells.special.size:
-        return RadauIIA(float(ends[-1]), steps=(ends.size - 1) * each)
-    inner = ends[:-1, None] + np.diff(ends)[:, None] * (np.arange(each) / each)
+        return RadauIIA(float(ends[-1]), steps=(ends.size - 1) * steps_of_cell)
+    shares = np.arange(steps_of_cell) / steps_of_cell
+    inner = ends[:-1, None] + np.diff(ends)[:, None] * shares
     return RadauIIA(float(ends[-1]), steps=np.append(np.ravel(inner), ends[-1]))

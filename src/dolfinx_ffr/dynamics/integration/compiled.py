@@ -29,8 +29,8 @@ def compiled_functions(
     integrators: Iterable[type[Integrator]] = INTEGRATORS, *, space: bool = False
 ) -> list[Compiled]:
     """Compiled functions of integrators and of the kinematics in the plane or space, each once."""
-    own = [function for integrator in integrators for function in integrator.compiled]
-    return list(dict.fromkeys([*compiled_kinematics(space=space), *own]))
+    of_methods = [function for integrator in integrators for function in integrator.compiled]
+    return list(dict.fromkeys([*compiled_kinematics(space=space), *of_methods]))
 
 
 def compile_side_by_side(functions: Iterable[Compiled]) -> Iterator[str]:
@@ -47,8 +47,8 @@ def compile_side_by_side(functions: Iterable[Compiled]) -> Iterator[str]:
 
 def _compile(name: str) -> str:
     """Compile the function of a name."""
-    every = [*compiled_functions(), *compiled_kinematics(space=True)]
-    next(function for function in every if function.name == name).compile()
+    functions = [*compiled_functions(), *compiled_kinematics(space=True)]
+    next(function for function in functions if function.name == name).compile()
     return name
 
 

@@ -147,30 +147,29 @@ class GeneralizedAlpha(Integrator):
         near_start, multipliers = trajectory.beginning, trajectory.multipliers
         y[0], v[0] = y0, v0
         kinematics.begin(y0)
-        found = start_accelerations(kinematics, 0, y0, v0)
-        after = None
-        if found is not None:
-            w[0], multipliers[0] = found
+        at_start = start_accelerations(kinematics, 0, y0, v0)
+        shortly_after = None
+        if at_start is not None:
+            w[0], multipliers[0] = at_start
             shifted = y0 + offset * v0 + 0.5 * offset * offset * w[0]
             near_start[0] = model.arrays.retract(y0, shifted)
             near_start[1] = v0 + offset * w[0]
             # The tables of the mechanism end with the instant near the start.
-            after = start_accelerations(kinematics, count + 1, near_start[0], near_start[1])
-        if after is None:
+            shortly_after = start_accelerations(kinematics, count + 1, *near_start[:2])
+        if shortly_after is None:
             raise SimulationError(NO_START, cut(trajectory, 0))
-        near_start[2], near_start[3, : model.rows] = after
+        near_start[2], near_start[3, : model.rows] = shortly_after
         a[0] = w[0] + self._near_start_weight(model) * (near_start[2] - w[0])
         steps = self._steps(trajectory, self.step)
         system = Table(linear_system(model.size + 2 * model.rows))
         status = march(kinematics.table, Table(steps), system)
         trajectory = replace(trajectory, turns=kinematics.turns(count + 1))
         if status != CONVERGED:
-            last = int(steps.last[0])
-            k = last + 1
-            where = f"step {k} of {count}, {self.step:.3g} s each"
-            iterations = int(trajectory.iterations[last])
-            text = diagnosis(trajectory, k, where, iterations, status)
-            raise SimulationError(text, cut(trajectory, last))
+            good = int(steps.last[0])
+            step = f"step {good + 1} of {count}, {self.step:.3g} s each"
+            iterations = int(trajectory.iterations[good])
+            text = diagnosis(trajectory, good + 1, step, iterations, status)
+            raise SimulationError(text, cut(trajectory, good))
         return trajectory
 
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
@@ -190,7 +189,7 @@ class GeneralizedAlpha(Integrator):
         # The tables of the mechanism end with the instant near the start.
         instant = len(model.arrays.drive) - 1
         *near_start, multipliers = trajectory.beginning
-        ye, ve, after = start_accelerations_pullback(
+        ye, ve, adjoint_near_start = start_accelerations_pullback(
             kinematics,
             instant,
             (*near_start, multipliers[: model.rows]),
@@ -202,16 +201,16 @@ class GeneralizedAlpha(Integrator):
         shift_bar, ye = model.arrays.retract_pullback(shift, ye)
         w_bar = w_bar + (0.5 * offset * offset * shift_bar + offset * ve)
         y_bar, v_bar = y_bar + ye, v_bar + (offset * shift_bar + ve)
-        first = trajectory.y[0], trajectory.v[0], trajectory.w[0], trajectory.multipliers[0]
+        start = trajectory.y[0], trajectory.v[0], trajectory.w[0], trajectory.multipliers[0]
         ye, ve, bars.adjoint[0] = start_accelerations_pullback(
-            kinematics, 0, first, w_bar, bars.lam[0]
+            kinematics, 0, start, w_bar, bars.lam[0]
         )
         samples = Samples(
             np.append(np.arange(trajectory.steps + 1), instant),
             np.vstack([trajectory.y, near_start[0]]),
             np.vstack([trajectory.v, near_start[1]]),
             np.vstack([trajectory.w, near_start[2]]),
-            np.vstack([bars.adjoint, after]),
+            np.vstack([bars.adjoint, adjoint_near_start]),
         )
         corrections = h * bars.left, bars.right
         return TrajectoryPullback(

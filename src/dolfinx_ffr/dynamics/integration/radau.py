@@ -28,7 +28,7 @@ from ...arrays import Array, Integers
 from ..compilation import Compiled, Table
 from ..failures import SimulationError, diagnosis
 from ..kinematics import Kinematics, Samples, mass_norm, norm_floors
-from ..load_steps import FEWER_SAMPLES, JUST_BEFORE, SAMPLES, LoadSteps, equal_steps, load_steps
+from ..load_steps import SAMPLING, LoadSteps, equal_steps, load_steps
 from ..model import FlatModel
 from ..trajectory import OVER_TIME, Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
 from .linear import linear_system
@@ -45,26 +45,42 @@ from .start import (
 )
 from .steps import step_bars
 
-#: Most steps between two looks at the error, and their instants with the start.
-_BATCH = 16
-_LONGEST_BATCH = 3 * _BATCH + 1
-#: Bounds of the tolerance.
-TIGHTEST, LOOSEST = 1e-13, 0.1
-#: Tolerance of the run that finds the norms.
-_PILOT = 0.1
-#: Steps below this share of the duration mean that the motion cannot be followed.
-_SHORTEST = 1e-11
-#: Share of the duration, or of a step, below which two times count as the same.
-SAME = 1e-9
-#: A jump of the accelerations below this share of them is round-off.
-_NO_JUMP = 1e-9
-#: Steps of a trajectory for which there is one at least between two jumps
-STEPS_FOR_ONE = 50
-#: Share of the duration below which steps are the less judged by their multipliers, so that a
-#: force that jumps at a time that nobody named ends no motion: loads are sampled no closer.
-_BRIEF = 1.0 / SAMPLES
-#: Exponent of the tolerance in the error of the embedded formula, whose order is 4 of 6.
-_EXPONENT = 2.0 / 3.0
+
+@dataclass(frozen=True)
+class StepControl:
+    """How steps are chosen while a motion goes on."""
+
+    tightest: float = 1e-13  #: Least tolerance.
+    #: Largest tolerance, and that of the run which finds the norms of the motion.
+    loosest: float = 0.1
+    most_at_once: int = 16  #: Most steps between two looks at the error.
+    first_step: float = 1e-3  #: First step to try, in parts of the duration.
+    #: Steps below this share of the duration mean that the motion cannot be followed.
+    shortest: float = 1e-11
+    #: Share of the duration, or of a step, below which two times count as the same.
+    same_time: float = 1e-9
+    no_jump: float = 1e-9  #: A jump of accelerations below this share of them is round-off.
+    steps_for_one: int = 50  #: Steps of a motion for which there is one at least between jumps.
+    #: Share of the duration below which steps are the less judged by their multipliers, so that a
+    #: force that jumps at a time that nobody named ends no motion: loads are sampled no closer.
+    brief: float = 1.0 / SAMPLING.samples
+    #: Exponent of the tolerance in the error of the embedded formula, whose order is 4 of 6.
+    exponent: float = 2.0 / 3.0
+    #: Exponents of the error of a step and of the one before in the controller.
+    proportional: float = 0.7 / 4.0
+    integral: float = 0.4 / 4.0
+    #: Share of the step that the error allows which is taken.
+    safety: float = 0.9
+    #: Least and largest factor from one step to the next.
+    least_factor: float = 0.2
+    largest_factor: float = 4.0
+    after_rejection: float = 0.7  #: Largest factor after a step with too large an error.
+    after_divergence: float = 0.25  #: Factor after a step for which Newton's method failed.
+    #: Factors between these leave the step as it is, and twice as many are taken at once.
+    steady: tuple[float, float] = (0.95, 1.2)
+
+
+CONTROL = StepControl()
 #: Arrays with three rows for each step; the method has no accelerations of its own.
 _OVER_TIME = tuple(name for name in OVER_TIME if name != "a")
 
@@ -126,7 +142,7 @@ class RadauIIA(Integrator):
 
     def __post_init__(self) -> None:
         validation.number("end_time", self.end_time, above=0.0, unit="s")
-        validation.number("tolerance", self.tolerance, least=TIGHTEST, most=LOOSEST)
+        validation.number("tolerance", self.tolerance, least=CONTROL.tightest, most=CONTROL.loosest)
         if self.steps is None:
             return
         if np.ndim(self.steps) == 0:
@@ -150,7 +166,7 @@ class RadauIIA(Integrator):
     @property
     def coarser(self) -> RadauIIA:
         if self.steps is None:
-            return replace(self, tolerance=min(2.0**self.order * self.tolerance, LOOSEST))
+            return replace(self, tolerance=min(2.0**self.order * self.tolerance, CONTROL.loosest))
         if self._count is not None:
             return replace(self, steps=max(self._count // 2, 1))
         return replace(self, steps=np.append(self.times[:-1:2], self.end_time))
@@ -158,7 +174,7 @@ class RadauIIA(Integrator):
     @property
     def finer(self) -> RadauIIA:
         if self.steps is None:
-            return replace(self, tolerance=max(0.1 * self.tolerance, TIGHTEST))
+            return replace(self, tolerance=max(0.1 * self.tolerance, CONTROL.tightest))
         if self._count is not None:
             return replace(self, steps=2 * self._count)
         times = self.times
@@ -185,7 +201,7 @@ class RadauIIA(Integrator):
 
     @property
     def finest(self) -> bool:
-        return self.adaptive and self.tolerance <= 1.5 * TIGHTEST
+        return self.adaptive and self.tolerance <= 1.5 * CONTROL.tightest
 
     def amplification(self, phase: float) -> float:
         z = 1j * phase
@@ -211,17 +227,17 @@ class RadauIIA(Integrator):
         kinematics = Kinematics(model.arrays)
         kinematics.begin(y0)
         start.turns = kinematics.turns(1)
-        found = start_accelerations(kinematics, 0, y0, v0)
-        if found is None:
+        at_start = start_accelerations(kinematics, 0, y0, v0)
+        if at_start is None:
             so_far = _March(self, model, start).trajectory()
             raise SimulationError(NO_START, so_far)
-        start.w[0], start.multipliers[0] = found
+        start.w[0], start.multipliers[0] = at_start
         if self.steps is not None:
             ends = _step_ends(self, _jumps_inside(model, self))
             march_state = _March(self, model.at(_stage_times(ends)), start)
             march_state.in_steps(ends)
             return march_state.trajectory()
-        loads = load_steps(model.tables, self.end_time, FEWER_SAMPLES)
+        loads = load_steps(model.tables, self.end_time, SAMPLING.samples_of_a_look)
         # no step follows the forces under a load that is noise
         if loads.resolved:
             try:
@@ -240,14 +256,14 @@ class RadauIIA(Integrator):
 
         Forces in joints limit the steps `by_forces`, too.
         """
-        brief = _BRIEF * self.end_time if by_forces else math.inf
+        brief = CONTROL.brief * self.end_time if by_forces else math.inf
         march_state = _March(self, model, start, loads, brief)
-        first = 1e-3 * self.end_time
-        if self.tolerance < _PILOT:
-            march_state.adaptively(_PILOT, first)
-            first = march_state.first_step * (self.tolerance / _PILOT) ** (1.0 / 6.0)
+        first_step = CONTROL.first_step * self.end_time
+        if self.tolerance < CONTROL.loosest:
+            march_state.adaptively(CONTROL.loosest, first_step)
+            first_step = march_state.first_step * (self.tolerance / CONTROL.loosest) ** (1.0 / 6.0)
             march_state.begin_anew()
-        march_state.adaptively(self.tolerance, first)
+        march_state.adaptively(self.tolerance, first_step)
         return march_state
 
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
@@ -292,19 +308,19 @@ def _step_ends(integrator: RadauIIA, jumps: Array) -> Array:
     if jumps.size == 0:
         return times
     if integrator._count is None:
-        shortest = SAME * float(np.min(np.diff(times)))
+        shortest = CONTROL.same_time * float(np.min(np.diff(times)))
         new = jumps[np.min(np.abs(jumps[:, None] - times), axis=1) > shortest]
         return np.union1d(times, new)
     corners = np.array([0.0, *jumps, integrator.end_time])
     length = integrator.end_time / integrator._count
     # However close two jumps are: with twice as many steps there are more between them, too.
-    fewest = math.ceil(integrator._count / STEPS_FOR_ONE)
+    fewest = math.ceil(integrator._count / CONTROL.steps_for_one)
     return equal_steps(corners, np.diff(corners) / length, fewest)
 
 
 def _jumps_inside(model: FlatModel, integrator: RadauIIA) -> Array:
     """Jumps between the start and the end [s]."""
-    jumps, least = model.tables.jumps, SAME * integrator.end_time
+    jumps, least = model.tables.jumps, CONTROL.same_time * integrator.end_time
     jumps = jumps[(jumps > least) & (jumps < integrator.end_time - least)]
     return jumps[np.diff(jumps, prepend=0.0) > least]
 
@@ -333,13 +349,12 @@ class _Rows:
         return _Rows(t, y, v, w, multipliers, stabilization, turns, errors, iterations)
 
     @staticmethod
-    def joined(parts: Sequence[_Rows]) -> _Rows:
-        """All parts; the first row of each but the first is the last row before."""
+    def joined(stretches: Sequence[_Rows]) -> _Rows:
+        """One stretch of several; each begins with the last row of the one before."""
 
         def join(name: str, start: int) -> NDArray:
-            return np.concatenate(
-                [getattr(part, name)[start if i else 0 :] for i, part in enumerate(parts)]
-            )
+            arrays = [getattr(stretch, name) for stretch in stretches]
+            return np.concatenate([arrays[0], *(array[start:] for array in arrays[1:])])
 
         over_time = {name: join(name, 1) for name in _OVER_TIME}
         return _Rows(**over_time, errors=join("errors", 0), iterations=join("iterations", 0))
@@ -415,22 +430,22 @@ class _March:
 
     def begin_anew(self) -> None:
         """Go back to the start, with the norms that have been found."""
-        self.parts = [self.start]
+        self.stretches = [self.start]
         for name in ("kept", "weight", "mass"):
             self.state[name][:] = 0.0
 
     @property
     def t(self) -> float:
-        return float(self.parts[-1].t[-1])
+        return float(self.stretches[-1].t[-1])
 
     @property
     def first_step(self) -> float:
         """Length of the first step [s]."""
-        return float(self.parts[1].t[3] - self.parts[1].t[0])
+        return float(self.stretches[1].t[3] - self.stretches[1].t[0])
 
     def trajectory(self) -> Trajectory:
         """The motion so far."""
-        rows, model = _Rows.joined(self.parts), self.model
+        rows, model = _Rows.joined(self.stretches), self.model
         if not np.array_equal(rows.t, model.times):
             model = model.at(rows.t)
         return _trajectory(self.integrator, model, rows, self.norms)
@@ -438,25 +453,25 @@ class _March:
     def in_steps(self, ends: Array) -> None:
         """Take all steps with the given ends, the start first; their stages are tabulated."""
         at_jumps = np.flatnonzero(np.isin(ends, _jumps_inside(self.model, self.integrator)))
-        for first, last in pairwise([0, *at_jumps, ends.size - 1]):
-            arrays = self.model.between(3 * first, 3 * last + 1)
-            kinematics = Kinematics(arrays, self.parts[-1].turns[-1:])
-            status, good, rows = self.advance(ends[first : last + 1], math.inf, kinematics)
+        for begin, end in pairwise([0, *at_jumps, ends.size - 1]):
+            arrays = self.model.between(3 * begin, 3 * end + 1)
+            kinematics = Kinematics(arrays, self.stretches[-1].turns[-1:])
+            status, good, rows = self.advance(ends[begin : end + 1], math.inf, kinematics)
             if status != CONVERGED:
                 raise self.failure(rows, good, status)
 
-    def adaptively(self, tolerance: float, first: float) -> None:
+    def adaptively(self, tolerance: float, first_step: float) -> None:
         """Go on to the end in steps that keep a tolerance, the first one as long as given.
 
         The norms grow on the way.
         """
-        duration, limit = self.integrator.end_time, tolerance**_EXPONENT
-        h, batch, before = min(first, duration), 1, 1.0
+        duration, limit = self.integrator.end_time, tolerance**CONTROL.exponent
+        h, batch, last_error = min(first_step, duration), 1, 1.0
         while self.t < duration:
             t = self.t
             end = next(end for end in self.ends if end > t)
             if t in self.ends:
-                batch, before = 1, 1.0
+                batch, last_error = 1, 1.0
             count = math.ceil((end - t) / h * (1.0 - 1e-9))
             if count <= batch:
                 ends = np.linspace(t, end, max(count, 1) + 1)
@@ -465,21 +480,24 @@ class _March:
             status, good, rows = self.advance(ends, limit)
             if status == CONVERGED:
                 error = max(_relative(rows.errors, self.norms) / limit, 1e-8)
-                factor = 0.9 * error ** (-0.7 / 4.0) * before ** (0.4 / 4.0)
-                before = error
-                if 0.95 < factor < 1.2:
-                    batch = min(2 * batch, _BATCH)
+                factor = CONTROL.safety * error**-CONTROL.proportional
+                factor *= last_error**CONTROL.integral
+                last_error = error
+                if CONTROL.steady[0] < factor < CONTROL.steady[1]:
+                    batch = min(2 * batch, CONTROL.most_at_once)
                 else:
-                    h = min(h * min(max(factor, 0.2), 4.0), duration)
-                    batch = min(batch + 1, _BATCH) if factor < 1.5 else 1
+                    h *= min(max(factor, CONTROL.least_factor), CONTROL.largest_factor)
+                    h = min(h, duration)
+                    batch = min(batch + 1, CONTROL.most_at_once) if factor < 1.5 else 1
                 continue
             if status == REJECTED:
                 error = _relative(rows.errors[good : good + 1], self.norms) / limit
-                h *= min(max(0.2, 0.9 * min(max(error, 1.0), 1e8) ** (-1.0 / 4.0)), 0.7)
+                factor = CONTROL.safety * min(max(error, 1.0), 1e8) ** (-1.0 / 4.0)
+                h *= min(max(CONTROL.least_factor, factor), CONTROL.after_rejection)
             else:
-                h *= 0.25
-            batch, before = 1, 1.0
-            if h < _SHORTEST * duration:
+                h *= CONTROL.after_divergence
+            batch, last_error = 1, 1.0
+            if h < CONTROL.shortest * duration:
                 raise self.failure(rows, good, status)
 
     def advance(
@@ -490,23 +508,23 @@ class _March:
         The equations of motion are tabulated at the stages of the steps where no `kinematics` are
         given. Gives the outcome, the number of good steps and all steps that were tried.
         """
-        last = self.parts[-1]
+        so_far = self.stretches[-1]
         rows = _Rows.empty(_stage_times(ends), self.model)
         for name in ("y", "v", "w", "multipliers", "stabilization"):
-            getattr(rows, name)[0] = getattr(last, name)[-1]
-        before, stages = 0.0, rows.stages(np.diff(ends), **self.state)
+            getattr(rows, name)[0] = getattr(so_far, name)[-1]
+        last_step, stages = 0.0, rows.stages(np.diff(ends), **self.state)
         # No polynomial goes on behind a jump.
-        if last.errors.size and not self._jumps(rows):
-            before = float(last.t[-1] - last.t[-4])
-            stages.w_before[:], stages.lam_before[:] = last.w[-3:], last.multipliers[-3:]
+        if so_far.errors.size and not self._jumps(rows):
+            last_step = float(so_far.t[-1] - so_far.t[-4])
+            stages.w_before[:], stages.lam_before[:] = so_far.w[-3:], so_far.multipliers[-3:]
         if kinematics is None:
-            kinematics = self._kinematics_at(rows.t, last.turns[-1:])
+            kinematics = self._kinematics_at(rows.t, so_far.turns[-1:])
         kinematics.begin(rows.y[0])
-        status = march(kinematics.table, Table(stages), self.system, self.small, before, limit)
+        status = march(kinematics.table, Table(stages), self.system, self.small, last_step, limit)
         good = int(stages.last[0])
         rows.turns = kinematics.turns(rows.t.size)
         if good:
-            self.parts.append(rows.leading(good))
+            self.stretches.append(rows.leading(good))
         return status, good, rows
 
     def _kinematics_at(self, times: Array, turns: Array) -> Kinematics:
@@ -514,11 +532,11 @@ class _March:
 
         Their arrays serve all batches: to make them takes as long as some steps.
         """
-        known, tabulate = self._kinematics, self.model.tables.tabulate
-        if known is not None and len(known.model.drive) >= times.size:
-            known.set_tables(tabulate(times), turns)
-            return known
-        missing = max(_LONGEST_BATCH - times.size, 0)
+        kinematics, tabulate = self._kinematics, self.model.tables.tabulate
+        if kinematics is not None and len(kinematics.model.drive) >= times.size:
+            kinematics.set_tables(tabulate(times), turns)
+            return kinematics
+        missing = max((3 * CONTROL.most_at_once + 1) - times.size, 0)
         tables = tabulate(np.append(times, np.full(missing, times[-1])))
         self._kinematics = Kinematics(self.model.arrays._replace(**tables), turns)
         return self._kinematics
@@ -529,19 +547,20 @@ class _March:
         Each is the difference of two solutions at the same state. Either of them alone would differ
         from the last stage by the vibrations that no step resolves.
         """
-        t, model = float(rows.t[0]), self.model.counting_from(self.parts[-1].turns[-1:])
+        t, model = float(rows.t[0]), self.model.counting_from(self.stretches[-1].turns[-1:])
         if t not in self.corners:
             return False
         # One that nobody named is known to some units in the last place of the end time.
-        slack = 0.0 if t in model.tables.jumps else JUST_BEFORE * self.integrator.end_time
+        named = t in model.tables.jumps
+        slack = 0.0 if named else SAMPLING.just_before * self.integrator.end_time
         sides = accelerations_at_jump(model, t, rows.y[0], rows.v[0], slack)
         if sides is None:
             return False
         (_, w, multipliers), (_, w_after, multipliers_after) = sides
         jump, usual = mass_norm(model.arrays, np.stack([w_after - w, w]))
         change, force = np.abs(multipliers_after - multipliers), np.abs(multipliers)
-        held = np.max(change, initial=0.0) <= _NO_JUMP * np.max(force, initial=0.0)
-        if not jump > _NO_JUMP * usual and held:
+        forces_jump = np.max(change, initial=0.0) > CONTROL.no_jump * np.max(force, initial=0.0)
+        if not jump > CONTROL.no_jump * usual and not forces_jump:
             return False
         rows.w[0] += w_after - w
         rows.multipliers[0] += multipliers_after - multipliers
@@ -559,9 +578,9 @@ class _March:
             )
             return SimulationError(text, so_far)
         tried = _trajectory(self.integrator, self.model.at(rows.t), rows, self.norms)
-        where = f"step {so_far.step_ends.size} of {length:.3g} s"
+        step = f"step {so_far.step_ends.size} of {length:.3g} s"
         iterations = int(rows.iterations[good])
-        return SimulationError(diagnosis(tried, row, where, iterations, status), so_far)
+        return SimulationError(diagnosis(tried, row, step, iterations, status), so_far)
 
 
 def _trajectory(integrator: RadauIIA, model: FlatModel, rows: _Rows, norms: Array) -> Trajectory:
@@ -577,7 +596,7 @@ def _trajectory(integrator: RadauIIA, model: FlatModel, rows: _Rows, norms: Arra
         model=model,
         integrator=integrator,
         weights=weights,
-        error=largest ** (1.0 / _EXPONENT),
+        error=largest ** (1.0 / CONTROL.exponent),
         force_error=float(np.max(rows.errors[:, 3] / norms[3], initial=0.0)),
     )
 
@@ -587,5 +606,5 @@ def _relative(errors: Array, norms: Array) -> float:
 
     The errors of multipliers are those of one order less.
     """
-    way, velocity, strain, force = (errors.max(axis=0, initial=0.0) / norms).tolist()
-    return max(way, velocity, strain, force ** (1.0 / OF_FORCES))
+    displacement, velocity, strain, force = (errors.max(axis=0, initial=0.0) / norms).tolist()
+    return max(displacement, velocity, strain, force ** (1.0 / OF_FORCES))

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .. import equations
@@ -31,30 +33,42 @@ REJECTED = 3
 #: Exponent of the limit of errors for those of multipliers, which are of order 3 and not of 4.
 OF_FORCES = 3.0 / 4.0
 
-#: Largest angle by which a body turns in one step of a length that is free to choose [rad].
-LARGEST_TURN = 1.0
 
-#: Two lengths of steps are the same up to this share, and may share their factors.
-SAME_LENGTH = 1e-9
+class StageOptions(NamedTuple):
+    """When Newton's method of a step has converged, and when its factors serve again.
 
-#: Ratio of two corrections up to which factors serve the next step, and from which those of earlier
-#: steps are given up: the step begins anew, for corrections that hardly shrink may have led astray.
-STEADY, ASTRAY = 0.02, 0.3
-#: Ratio from which factors are made anew within a step.
-SLOW = 0.05
+    A named tuple, whose numbers are constants of the compiled functions.
+    """
 
-#: Share of stiffness times squared step that counts beside inertia in a first guess.
-STIFF = 0.1
+    #: Largest angle by which a body turns in one step of a length that is free to choose [rad].
+    largest_turn: float = 1.0
+    #: Two lengths of steps are the same up to this share, and may share their factors.
+    same_length: float = 1e-9
+    #: Ratio of two corrections up to which factors serve the next step.
+    steady: float = 0.02
+    #: Ratio from which factors of earlier steps are given up: the step begins anew, for corrections
+    #: that hardly shrink may have led astray.
+    astray: float = 0.3
+    slow: float = 0.05  #: Ratio from which factors are made anew within a step.
+    #: Share of stiffness times squared step that counts beside inertia in a first guess.
+    stiff: float = 0.1
+    #: A correction is round-off below this share of the largest acceleration, or of positions and
+    #: velocities as they show in accelerations.
+    negligible: float = 1e-13
+    round_off: float = 4e-16
+    #: Newton's method ends as well when corrections shrink by this factor at least, and all that
+    #: follow would add up to less than this share.
+    shrinking: float = 0.5
+    remainder: float = 1e-14
+    #: From the fourth iteration on corrections of this size, of accelerations or of round-off,
+    #: which shrink no more than by the last factor, in spite of fresh factors, are round-off that
+    #: no iteration makes any better.
+    magnified: float = 1e-9
+    magnified_round_off: float = 1e-12
+    stalled: float = 0.1
 
-#: Newton's method ends when the correction is round-off beside the largest acceleration, and
-#: beside positions and velocities as they show in accelerations.
-NEGLIGIBLE, ROUND_OFF = 1e-13, 4e-16
-#: It ends as well when corrections shrink by this factor at least, and all that follow would add
-#: up to less than this share.
-SHRINKING, REST = 0.5, 1e-14
-#: From the fourth iteration on corrections of this size which shrink no more than this, in spite of
-#: fresh factors, are round-off that no iteration makes any better.
-MAGNIFIED, MAGNIFIED_ROUND_OFF, STALLED = 1e-9, 1e-12, 0.1
+
+OPTIONS = StageOptions()
 
 
 @kernel
@@ -65,12 +79,12 @@ def solved(
 
     `fresh` tells whether the factors are of this step.
     """
-    if change <= NEGLIGIBLE * largest + ROUND_OFF * round_off:
+    if change <= OPTIONS.negligible * largest + OPTIONS.round_off * round_off:
         return True
-    if ratio < SHRINKING and change * ratio / (1.0 - ratio) <= REST * largest:
+    if ratio < OPTIONS.shrinking and change * ratio / (1.0 - ratio) <= OPTIONS.remainder * largest:
         return True
-    if fresh and iteration > 2 and ratio > STALLED:
-        return change <= MAGNIFIED * largest + MAGNIFIED_ROUND_OFF * round_off
+    if fresh and iteration > 2 and ratio > OPTIONS.stalled:
+        return change <= OPTIONS.magnified * largest + OPTIONS.magnified_round_off * round_off
     return False
 
 
@@ -93,7 +107,9 @@ def predict(eq: Equations, stages: Stages, at: int, h: float, before: float) -> 
             lam[at + i, c] = 0.0 if before > 0.0 else lam[at - 1, c]
         for p in range(n):
             inertia = abs(eq.M[p, p])
-            resolved = inertia / (inertia + STIFF * h * h * abs(eq.Ky[p, p])) if inertia else 0.0
+            resolved = (
+                inertia / (inertia + OPTIONS.stiff * h * h * abs(eq.Ky[p, p])) if inertia else 0.0
+            )
             w[at + i, p] = 0.0 if before > 0.0 else resolved * w[at - 1, p]
         if before > 0.0:
             x = 1.0 + NODES[i] * h / before
@@ -155,10 +171,10 @@ def iterate(
         ratio = change / previous if previous > 0.0 else 1.0
         if solved(iteration, fresh, change, ratio, largest, round_off):
             return CONVERGED
-        if not fresh and iteration > 0 and ratio > ASTRAY:
+        if not fresh and iteration > 0 and ratio > OPTIONS.astray:
             return DIVERGED
-        renew = iteration > 0 and ratio > SLOW
-        if iteration > 0 and ratio > STEADY:
+        renew = iteration > 0 and ratio > OPTIONS.slow
+        if iteration > 0 and ratio > OPTIONS.steady:
             stages.kept[1] = 0.0
         previous = change
     return DIVERGED
@@ -189,16 +205,16 @@ def judge(
         eq.sizes[i] = max(stages.sizes[i], eq.sizes[i])
         if not stages.errors[k, i] <= limit * eq.sizes[i]:
             return REJECTED
-    own = eq.sizes[0], eq.sizes[1], eq.sizes[2]
+    sizes = eq.sizes[0], eq.sizes[1], eq.sizes[2]
     # Where a body turns too far, the method may find another motion, and sees no error.
     if limit < np.inf:
         load_stage(eq, stages, at + 2)
         for p in range(eq.r.size):
             eq.reference[p] = stages.y[at - 1, p]
         measure(eq)
-        if not eq.sizes[3] <= LARGEST_TURN:
+        if not eq.sizes[3] <= OPTIONS.largest_turn:
             return REJECTED
-    stages.sizes[0], stages.sizes[1], stages.sizes[2] = own
+    stages.sizes[0], stages.sizes[1], stages.sizes[2] = sizes
     stages.sizes[3] = force
     return CONVERGED
 
@@ -242,7 +258,7 @@ def march(
         status = DIVERGED
         # Factors of steps before may do. Where the polynomial is far off, the accelerations of
         # the start may.
-        if stages.kept[1] >= 1.0 and abs(h - stages.kept[0]) <= SAME_LENGTH * h:
+        if stages.kept[1] >= 1.0 and abs(h - stages.kept[0]) <= OPTIONS.same_length * h:
             predict(eq, stages, at, h, before)
             status = iterate(eq, stages, system, k, h, False)
         if status != CONVERGED:

@@ -138,10 +138,10 @@ def accelerations_at_jump(
         tables = model.tables.tabulate(np.full(2, beside))
         kinematics = Kinematics(model.arrays._replace(**tables))
         kinematics.begin(y)
-        found = start_accelerations(kinematics, 0, y, v)
-        if found is None:
+        solution = start_accelerations(kinematics, 0, y, v)
+        if solution is None:
             return None
-        sides.append((kinematics, *found))
+        sides.append((kinematics, *solution))
     return sides
 
 

@@ -35,17 +35,31 @@ from .start import CONVERGED, DIVERGED, SINGULAR, set_units
 #: Most Newton iterations of one step.
 MAX_ITERATIONS = 25
 
-#: Newton's method ends when the correction is negligible beside the largest acceleration, and
-#: beside the round-off of positions and velocities as it shows in accelerations.
-NEGLIGIBLE, ROUND_OFF = 1e-10, 2e-15
-#: It ends as well when the correction has fallen by this factor at least and the next one, which
-#: falls likewise, would be below this share. The trajectory needs less, but the adjoint assumes
-#: steps that are solved exactly.
-FAST, NEXT = 1e-2, 1e-14
-#: From the third iteration on corrections of this size, relative to accelerations and to round-off,
-#: are round-off that a nearly singular position magnifies; from the ninth on no iteration makes
-#: them any better.
-MAGNIFIED, MAGNIFIED_ROUND_OFF, STALLED = 1e-8, 1e-10, 1e-8
+
+class NewtonOptions(NamedTuple):
+    """When Newton's method of a step has converged.
+
+    A named tuple, whose numbers are constants of the compiled functions.
+    """
+
+    #: A correction is negligible below this share of the largest acceleration, or of the round-off
+    #: of positions and velocities as it shows in accelerations.
+    negligible: float = 1e-10
+    round_off: float = 2e-15
+    #: Newton's method ends as well when the correction has fallen by this factor at least and the
+    #: next one, which falls likewise, would be below this share. The trajectory needs less, but the
+    #: adjoint assumes steps that are solved exactly.
+    fast: float = 1e-2
+    following: float = 1e-14
+    #: From the third iteration on corrections of this size, relative to accelerations and to
+    #: round-off, are round-off that a nearly singular position magnifies.
+    magnified: float = 1e-8
+    magnified_round_off: float = 1e-10
+    #: From the ninth iteration on no iteration makes corrections of this size any better.
+    stalled: float = 1e-8
+
+
+NEWTON = NewtonOptions()
 
 
 class Steps(NamedTuple):
@@ -80,9 +94,20 @@ class StepBars(NamedTuple):
 
 def step_bars(y: Array, v: Array, w: Array, lam: Array) -> StepBars:
     """Copies of derivatives with respect to a trajectory, with room for their transposes."""
-    y, v, w, lam = (np.array(part, dtype=np.float64, order="C") for part in (y, v, w, lam))
-    adjoint, left, right = (np.zeros(y.shape) for _ in range(3))
-    return StepBars(y, v, w, lam, adjoint, left, right, np.zeros((4, y.shape[1])))
+
+    def copied(array: Array) -> Array:
+        return np.array(array, dtype=np.float64, order="C")
+
+    return StepBars(
+        copied(y),
+        copied(v),
+        copied(w),
+        copied(lam),
+        adjoint=np.zeros(y.shape),
+        left=np.zeros(y.shape),
+        right=np.zeros(y.shape),
+        start=np.zeros((4, y.shape[1])),
+    )
 
 
 @kernel
@@ -133,19 +158,19 @@ def step_system(eq: Equations, system: LinearSystem, instant: int, cy: float, cv
 def times_transposed(x: Vector, B: Matrix, factor: float, out: Vector) -> None:
     """Set out to factor times B x; the sums of three rows at a time do not wait for each other."""
     rows, n = B.shape
-    whole = rows - rows % 3
-    for c in range(0, whole, 3):
-        first = second = third = 0.0
+    in_threes = rows - rows % 3
+    for c in range(0, in_threes, 3):
+        sum0 = sum1 = sum2 = 0.0
         for j in range(n):
-            first += x[j] * B[c, j]
-            second += x[j] * B[c + 1, j]
-            third += x[j] * B[c + 2, j]
-        out[c], out[c + 1], out[c + 2] = factor * first, factor * second, factor * third
-    for c in range(whole, rows):
-        first = 0.0
+            sum0 += x[j] * B[c, j]
+            sum1 += x[j] * B[c + 1, j]
+            sum2 += x[j] * B[c + 2, j]
+        out[c], out[c + 1], out[c + 2] = factor * sum0, factor * sum1, factor * sum2
+    for c in range(in_threes, rows):
+        total = 0.0
         for j in range(n):
-            first += x[j] * B[c, j]
-        out[c] = factor * first
+            total += x[j] * B[c, j]
+        out[c] = factor * total
 
 
 @kernel
@@ -162,13 +187,16 @@ def solved(
     iteration: int, change: float, previous: float, largest: float, round_off: float
 ) -> bool:
     """Whether Newton's method is done after a correction, `previous` being the one before."""
-    if change <= NEGLIGIBLE * largest + ROUND_OFF * round_off:
+    if change <= NEWTON.negligible * largest + NEWTON.round_off * round_off:
         return True
-    if iteration > 0 and change <= FAST * previous:
-        return change * (change / previous) <= NEXT * largest
-    if iteration > 1 and change <= MAGNIFIED * largest + MAGNIFIED_ROUND_OFF * round_off:
+    if iteration > 0 and change <= NEWTON.fast * previous:
+        return change * (change / previous) <= NEWTON.following * largest
+    if (
+        iteration > 1
+        and change <= NEWTON.magnified * largest + NEWTON.magnified_round_off * round_off
+    ):
         return True
-    return iteration > 7 and change <= STALLED * (largest + round_off)
+    return iteration > 7 and change <= NEWTON.stalled * (largest + round_off)
 
 
 @compiled(Equations, Steps, LinearSystem)
@@ -186,9 +214,9 @@ def march(eq: Equations, steps: Steps, system: LinearSystem) -> int:
     for k in range(steps.iterations.size):
         for i in range(n):
             wk, ak = steps.w[k, i], steps.a[k, i]
-            rest = a0 * wk - a2 * ak
-            yp[i] = steps.y[k, i] + h * steps.v[k, i] + h * h * ((0.5 - beta) * ak + beta * rest)
-            vp[i] = steps.v[k, i] + h * ((1.0 - gamma) * ak + gamma * rest)
+            known = a0 * wk - a2 * ak
+            yp[i] = steps.y[k, i] + h * steps.v[k, i] + h * h * ((0.5 - beta) * ak + beta * known)
+            vp[i] = steps.v[k, i] + h * ((1.0 - gamma) * ak + gamma * known)
             w[i] = wk
             y[i], v[i] = yp[i] + cy * wk, vp[i] + cv * wk
         for c in range(rows):

@@ -13,9 +13,9 @@ from ... import validation
 from ..failures import SimulationError
 from ..load_steps import LoadSteps
 from ..trajectory import Integrator, Trajectory
-from .accuracy import LOOSEST, TIGHTEST
+from .accuracy import ACCURACY
 from .certificate import (
-    COST,
+    CHOICE,
     Certificate,
     Judge,
     Run,
@@ -26,15 +26,6 @@ from .certificate import (
 )
 from .generalized_alpha import GeneralizedAlpha
 from .radau import RadauIIA
-
-#: Steps of generalised alpha to begin with
-FEWEST_ALPHA = 250
-#: Most steps that are chosen, of generalised alpha; of Radau IIA as many as cost the same
-MOST_STEPS = 2**16
-#: Part of the tolerance that is left to the reference numbers
-REFERENCE = 1.0 / 3.0
-#: Where the tolerance is out of reach, an error up to this factor above the least is as good
-AS_GOOD = 1.5
 
 
 @dataclass(frozen=True)
@@ -128,7 +119,9 @@ class TimeInterval:
 
     def __post_init__(self) -> None:
         validation.number("end_time", self.end_time, above=0.0, unit="s")
-        validation.number("tolerance", self.tolerance, least=TIGHTEST, most=LOOSEST)
+        validation.number(
+            "tolerance", self.tolerance, least=ACCURACY.tightest, most=ACCURACY.loosest
+        )
 
     def chosen(
         self,
@@ -149,33 +142,37 @@ class TimeInterval:
             present: A trajectory whose method is kept if it meets the tolerance.
         """
         start, tolerance = perf_counter(), self.tolerance
-        share = REFERENCE * tolerance
-        exact = certified(run, judge, cells, share, damped=damped)
-        found: tuple[Integrator, float] | None = None
+        exact = certified(run, judge, cells, CHOICE.share_of_certificate * tolerance, damped=damped)
+
+        def choice(method: Integrator, error: float) -> StepChoice:
+            seconds = perf_counter() - start
+            return StepChoice(method, error, tolerance, exact.rings, cells.resolved, seconds)
+
         if present is not None:
             error = relative_change(exact.values, judge(present)) + exact.error
-            found = (present.integrator, error) if error <= tolerance else None
-        if found is None:
-            families = [self._radau(exact.cells), self._alpha(GeneralizedAlpha.spectral_radius)]
-            if not cells.corners.size and not damped:
-                families.append(self._alpha(1.0))
-            found = _cheapest(families, run, judge, exact, tolerance)
-            graded = graded_cells(run, cells) if found[1] > tolerance else None
-            if graded is not None and exact.cells is cells:
-                other = _cheapest([self._radau(graded)], run, judge, exact, tolerance)
-                found = min(found, other, key=lambda choice: choice[1])
-        seconds = perf_counter() - start
-        return StepChoice(*found, tolerance, exact.rings, cells.resolved, seconds)
+            if error <= tolerance:
+                return choice(present.integrator, error)
+        families = [self._radau(exact.cells), self._alpha(GeneralizedAlpha.spectral_radius)]
+        if not cells.corners.size and not damped:
+            families.append(self._alpha(1.0))
+        method, error = _cheapest(families, run, judge, exact, tolerance)
+        if error > tolerance and exact.cells is cells:
+            graded = graded_cells(run, cells)
+            if graded is not None:
+                in_graded_cells = _cheapest([self._radau(graded)], run, judge, exact, tolerance)
+                if in_graded_cells[1] < error:
+                    method, error = in_graded_cells
+        return choice(method, error)
 
     def _radau(self, cells: LoadSteps) -> Iterator[Integrator]:
-        each, count = 1, cells.ends.size - 1
-        while each == 1 or COST * count * each <= MOST_STEPS:
-            yield replace(radau_in(cells, each), chosen_for=self.tolerance)
-            each *= 2
+        steps_of_cell, count = 1, cells.ends.size - 1
+        while steps_of_cell == 1 or CHOICE.cost * count * steps_of_cell <= CHOICE.most_steps:
+            yield replace(radau_in(cells, steps_of_cell), chosen_for=self.tolerance)
+            steps_of_cell *= 2
 
     def _alpha(self, spectral_radius: float) -> Iterator[Integrator]:
-        steps = FEWEST_ALPHA
-        while steps <= MOST_STEPS:
+        steps = CHOICE.fewest_steps
+        while steps <= CHOICE.most_steps:
             yield GeneralizedAlpha(self.end_time, steps, spectral_radius, chosen_for=self.tolerance)
             steps *= 2
 
@@ -196,32 +193,31 @@ def refined(
     integrators: Sequence[Integrator], run: Run, judge: Judge, exact: Certificate, tolerance: float
 ) -> StepChoice:
     """The cheapest of some methods with steps divided, or tolerance lowered, to an accuracy."""
+    start, most_cost = perf_counter(), CHOICE.cost * CHOICE.most_steps
     begun = [integrator.toward(tolerance) for integrator in integrators]
-    for first in begun:
-        if not first.adaptive and _cost(first) > COST * MOST_STEPS:
-            most = COST * MOST_STEPS * (first.times.size - 1) // _cost(first)
+    for method in begun:
+        if not method.adaptive and _cost(method) > most_cost:
+            most_steps = most_cost * (method.times.size - 1) // _cost(method)
             raise ValueError(
-                f"time steps: {first.in_words} are more than the {most:,} from which steps are "
-                "still divided for a tolerance: begin with fewer, or give "
+                f"time steps: {method.in_words} are more than the {most_steps:,} from which "
+                "steps are still divided for a tolerance: begin with fewer, or give "
                 "TimeInterval(end_time, tolerance)"
             )
 
     def finer(method: Integrator) -> Iterator[Integrator]:
-        while method.adaptive or _cost(method) <= COST * MOST_STEPS:
+        while method.adaptive or _cost(method) <= most_cost:
             yield method
             if method.adaptive and method.finest:
                 return
             method = method.finer
 
-    start = perf_counter()
-    found = _cheapest([finer(first) for first in begun], run, judge, exact, tolerance)
-    seconds = perf_counter() - start
-    return StepChoice(*found, tolerance, exact.rings, True, seconds)
+    method, error = _cheapest([finer(method) for method in begun], run, judge, exact, tolerance)
+    return StepChoice(method, error, tolerance, exact.rings, True, perf_counter() - start)
 
 
 def _cost(method: Integrator) -> int:
     """Time of a trajectory and its adjoint, in steps of generalised alpha."""
-    return (COST if method.stages > 1 else 1) * (method.times.size - 1)
+    return (CHOICE.cost if method.stages > 1 else 1) * (method.times.size - 1)
 
 
 def _cheapest(
@@ -237,36 +233,37 @@ def _cheapest(
     method is taken if the next one of its family is near enough, too. If there is none, the
     cheapest of the methods with about the least error is taken.
     """
-    known = dict(exact.tried)
+    computed = dict(exact.tried)
     tried: list[list[tuple[Integrator, float]]] = [[] for _ in families]
-    first = {number: next(family, None) for number, family in enumerate(families)}
-    waiting = {number: method for number, method in first.items() if method is not None}
+    begun = {number: next(family, None) for number, family in enumerate(families)}
+    waiting = {number: method for number, method in begun.items() if method is not None}
     failure: Exception | None = None
-    taken: tuple[Integrator, float] | None = None
+    cheapest: tuple[Integrator, float] | None = None
     while waiting:
         number = min(waiting, key=lambda number: (_cost(waiting[number]), number))
-        method, own = waiting.pop(number), tried[number]
-        if taken is not None and _cost(method) >= 2 * _cost(taken[0]):
+        method, of_family = waiting.pop(number), tried[number]
+        if cheapest is not None and _cost(method) >= 2 * _cost(cheapest[0]):
             break
         try:
-            values = known[method] if method in known else judge(run(method))
+            values = computed[method] if method in computed else judge(run(method))
             error = relative_change(exact.values, values) + exact.error
         except (SimulationError, MemoryError) as caught:
             failure, error = caught, math.inf
-        own.append((method, error))
-        if len(own) > 1 and own[-2][1] <= tolerance and error <= tolerance:
-            if taken is None or _cost(own[-2][0]) < _cost(taken[0]):
-                taken = own[-2]
+        of_family.append((method, error))
+        if len(of_family) > 1 and max(of_family[-2][1], error) <= tolerance:
+            if cheapest is None or _cost(of_family[-2][0]) < _cost(cheapest[0]):
+                cheapest = of_family[-2]
         elif (finer := next(families[number], None)) is not None:
             waiting[number] = finer
-    if taken is not None:
-        return taken
-    every = [pair for own in tried for pair in own]
-    least = min((error for _, error in every), default=math.inf)
+    if cheapest is not None:
+        return cheapest
+
+    pairs = [pair for of_family in tried for pair in of_family]
+    least = min((error for _, error in pairs), default=math.inf)
     if not math.isfinite(least):
         assert failure is not None
         raise failure
-    good = [(method, error) for method, error in every if error <= AS_GOOD * least]
+    good = [pair for pair in pairs if pair[1] <= CHOICE.as_good * least]
     method, error = min(good, key=lambda pair: _cost(pair[0]))
     # Far from the tolerance the larger part of the error tells more than the sum of both.
     larger = max(error - exact.error, exact.estimate)

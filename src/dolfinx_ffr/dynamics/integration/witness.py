@@ -40,62 +40,63 @@ class TrapezoidalWitness(Integrator):
     compiled: ClassVar[tuple[Compiled, ...]] = GeneralizedAlpha.compiled
 
     cells: LoadSteps  #: Cells that resolve loads and prescribed motions.
-    each: int  #: Steps of each cell.
+    steps_of_cell: int
 
     @property
     def instants(self) -> int:
-        return self.each * (self.cells.ends.size - 1) + self.cells.corners.size + 1
+        return self.steps_of_cell * (self.cells.ends.size - 1) + self.cells.corners.size + 1
 
     def amplification(self, phase: float) -> float:
         return 1.0
 
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
-        parts: list[Trajectory] = []
+        stretches: list[Trajectory] = []
         for begin, end, steps in self._stretches():
-            own = model.at(np.linspace(begin, end, steps + 1))
+            of_stretch = model.at(np.linspace(begin, end, steps + 1))
             method = GeneralizedAlpha(end - begin, steps, 1.0)
             try:
-                part = method.integrate(own, y0, v0)
+                stretch = method.integrate(of_stretch, y0, v0)
             except SimulationError as error:
-                so_far = self._joined(model, [*parts, error.trajectory])
+                so_far = self._joined(model, [*stretches, error.trajectory])
                 raise SimulationError(str(error), so_far) from error
-            y0, v0, model = part.y[-1], part.v[-1], model.counting_from(part.turns[-1:])
-            parts.append(part)
-        return self._joined(model, parts)
+            y0, v0 = stretch.y[-1], stretch.v[-1]
+            model = model.counting_from(stretch.turns[-1:])
+            stretches.append(stretch)
+        return self._joined(model, stretches)
 
     def _stretches(self) -> Iterator[tuple[float, float, int]]:
         """Begin, end and number of equal steps of each stretch; none goes over a jump."""
         ends, corners = self.cells.ends, self.cells.corners
         lengths = np.diff(ends)
-        same = np.isclose(lengths[1:], lengths[:-1], rtol=1e-9, atol=0.0)
-        apart = np.flatnonzero(~same | np.isin(ends[1:-1], corners)) + 1
-        walls = [0, *apart, ends.size - 1]
-        for first, last in pairwise(walls):
-            begin, end = float(ends[first]), float(ends[last])
-            if ends[first] in corners:
+        equal = np.isclose(lengths[1:], lengths[:-1], rtol=1e-9, atol=0.0)
+        changes = np.flatnonzero(~equal | np.isin(ends[1:-1], corners)) + 1
+        for from_cell, to_cell in pairwise([0, *changes, ends.size - 1]):
+            begin, end = float(ends[from_cell]), float(ends[to_cell])
+            if ends[from_cell] in corners:
                 begin *= 1.0 + BESIDE_JUMP
-            yield begin, end, int(last - first) * self.each
+            yield begin, end, int(to_cell - from_cell) * self.steps_of_cell
 
-    def _joined(self, model: FlatModel, parts: list[Trajectory]) -> Trajectory:
+    def _joined(self, model: FlatModel, stretches: list[Trajectory]) -> Trajectory:
         """One trajectory of all stretches.
 
         The last row of a stretch is the first of the next one, but behind a jump, where
         accelerations differ, the next one has a row of its own.
         """
-        jumps = {part.t[0] for part in parts[1:] if not np.isin(part.t[0], self.cells.ends)}
+        begins = [stretch.t[0] for stretch in stretches[1:]]
+        behind_jumps = {begin for begin in begins if not np.isin(begin, self.cells.ends)}
 
         def join(name: str) -> Array:
             rows = [
-                getattr(part, name)[0 if i == 0 or part.t[0] in jumps else 1 :]
-                for i, part in enumerate(parts)
+                getattr(stretch, name)[0 if i == 0 or stretch.t[0] in behind_jumps else 1 :]
+                for i, stretch in enumerate(stretches)
             ]
             return np.concatenate(rows)
 
         over_time: dict[str, Any] = {name: join(name) for name in OVER_TIME}
         return Trajectory(
             **over_time,
-            iterations=np.concatenate([part.iterations for part in parts]),
-            beginning=parts[0].beginning,
+            iterations=np.concatenate([stretch.iterations for stretch in stretches]),
+            beginning=stretches[0].beginning,
             model=model.at(over_time["t"]),
             integrator=self,
         )
