@@ -41,7 +41,7 @@ def model(
         if method.adaptive:
             raise ffr.SimulationError("no adaptive steps", None)  # type: ignore[arg-type]
         witness = isinstance(method, TrapezoidalWitness)
-        steps = 50 * method.each if witness else method.times.size - 1
+        steps = 50 * method.steps_of_cell if witness else method.times.size - 1
         if steps < failing:
             raise ffr.SimulationError(f"no motion with {steps} steps", None)  # type: ignore[arg-type]
         needed = radau if isinstance(method, ffr.RadauIIA) else alpha

@@ -28,7 +28,7 @@ from .stated import Numbers, OtherLawError
 from .trajectory import Trajectory
 
 Bodies = Mapping[str, VolumeIntegrals]
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 #: Fields of the arrays that a mechanism and the markers of its bodies set.
 FIELDS = ("gravity", "alpha", "beta", "shapes", "vector_stiffening", "drive", "prescribed",
@@ -38,20 +38,35 @@ _TOPOLOGY = ("first", "modes", "kind", "side", "vector_body", "vector_slot", "ve
              "vector_marker", "vector_stiffened", "load_vector", "load_axes")  # fmt: skip
 #: Fields beside tables on which an assembled start depends
 _GEOMETRY = ("shapes", "vector_stiffening", "normal", "ratio")
-#: Step of differences as share of the range of a parameter; it is shortened by this factor, at most
-#: so many times, until second differences are below this share of first ones. Of fourth order they
-#: take steps so long that the tolerance of a static start does not show.
-_STEP, _SHORTER, _TIMES, _BENT = 2e-4, 1 / 16, 5, 3e-3
-#: Changes below this share of the size of an array are round-off.
-_ROUND_OFF = 1e-12
-#: Step where nothing is solved for
-_SHORT = 3e-6
 #: Functions that have been seen to make the same machine twice, so that this is asked once each
 _REPEATABLE: WeakSet[Callable[..., Any]] = WeakSet()
-#: Difference of numbers of the same machine, relative to their size, that is no round-off
-_DIFFERENT = 1e-9
-#: Change of the start by a step, in sizes of the start, beyond which it has jumped.
-_JUMP = 1e-2
+
+
+@dataclass(frozen=True)
+class DifferenceOptions:
+    """Steps of differences, and what counts as round-off."""
+
+    #: Step as share of the range of a parameter where nothing is solved for.
+    short_step: float = 3e-6
+    #: Step where a start is solved for. Of fourth order, differences take steps so long that the
+    #: tolerance of a static start does not show.
+    step: float = 2e-4
+    shorter: float = 1 / 16  #: Factor by which a step is shortened where slopes change over it.
+    most_steps: int = 5  #: Most steps that are tried, each shorter than the one before.
+    #: Second differences, in parts of first ones, up to which slopes hardly change over a step.
+    bent: float = 3e-3
+    round_off: float = 1e-12  #: Changes below this share of the size of an array are round-off.
+    #: Difference of numbers of the same machine, relative to their size, that is no round-off.
+    different: float = 1e-9
+    #: Change of the start by a step, in sizes of the start, beyond which it has jumped.
+    jump: float = 1e-2
+    #: Golden ratio, whose multiples leave the least gaps between their fractions.
+    golden: float = 0.6180339887
+    #: Step at which it is looked whether anything depends on a parameter.
+    step_of_a_look: float = 1e-3
+
+
+OPTIONS = DifferenceOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +121,9 @@ def parameter_slopes(trajectory: Trajectory, bars: Sequence[MechanismBars]) -> A
     ValueError names a parameter on which the topology, a jump or the branch of the start depends,
     or beside whose value there is no mechanism.
     """
-    own = _Differences(trajectory.model, (trajectory.y[0], trajectory.v[0]))
-    _again(own.check_repeatable)
-    return _again(lambda: own.contracted(bars))
+    differences = _Differences(trajectory.model, (trajectory.y[0], trajectory.v[0]))
+    _again(differences.check_repeatable)
+    return _again(lambda: differences.contracted(bars))
 
 
 def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float]]) -> Array:
@@ -118,26 +133,26 @@ def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float
     along a line, whose direction may be a parameter. The result is zero where none changes with
     all parameters at once. Errors are those of `parameter_slopes`.
     """
-    mechanism, here = parametric(model), [number(model) for number in numbers]
-    beside = model.stated_by(mechanism.twin)
-    if [number(beside) for number in numbers] == here:
+    mechanism, values = parametric(model), [number(model) for number in numbers]
+    twin = model.stated_by(mechanism.twin)
+    if [number(twin) for number in numbers] == values:
         return np.zeros((len(numbers), len(mechanism.parameters.names)))
-    own = _Differences(model)
-    _again(own.check_repeatable)
+    differences = _Differences(model)
+    _again(differences.check_repeatable)
 
     def slope(k: int) -> Array:
-        found = np.zeros(len(numbers))
-        for weight, state in own.around(k):
-            there = model.stated_by(state.model.mechanism)
-            found += weight * (np.array([number(there) for number in numbers]) - here)
-        return found
+        slopes = np.zeros(len(numbers))
+        for weight, state in differences.around(k):
+            shifted = model.stated_by(state.model.mechanism)
+            slopes += weight * (np.array([number(shifted) for number in numbers]) - values)
+        return slopes
 
     count = range(len(mechanism.parameters.names))
     return np.array([_again(lambda k=k: slope(k)) for k in count]).T  # type: ignore[misc]
 
 
-def _again(find: Callable[[], Found]) -> Found:
-    """What is found as soon as the kinds of all signals at other values are known."""
+def _again(find: Callable[[], Result]) -> Result:
+    """The result as soon as the kinds of all signals at other values are known."""
     while True:
         try:
             return find()
@@ -147,17 +162,17 @@ def _again(find: Callable[[], Found]) -> Found:
 
 def influence(model: FlatModel) -> list[str]:
     """Names of the parameters on which what the mechanism says does not depend."""
-    own, idle = _Differences(model), list[str]()
-    _again(own.check_repeatable)
+    differences, idle = _Differences(model), list[str]()
+    _again(differences.check_repeatable)
     start = _start_of(model.mechanism, model)
     for k, (name, below, above) in enumerate(parametric(model).parameters.ranges):
-        shift = 1e-3 * (above if above >= below else -below) * np.eye(k + 1)[k]
+        shift = OPTIONS.step_of_a_look * (above if above >= below else -below) * np.eye(k + 1)[k]
         try:
-            other = own.state(shift)
+            shifted = differences.state(shift)
         except OtherLawError:
             continue
-        same = np.array_equal(own.numbers.here, other.numbers)
-        if same and np.array_equal(start, _start_of(other.model.mechanism, model)):
+        unchanged = np.array_equal(differences.numbers.values, shifted.numbers)
+        if unchanged and np.array_equal(start, _start_of(shifted.model.mechanism, model)):
             idle.append(name)
     return idle
 
@@ -170,11 +185,11 @@ def parametric(model: FlatModel) -> ParametricMechanism:
 
 def _start_of(mechanism: Mechanism, model: FlatModel) -> Array:
     """What the start is made of, beside the tables."""
-    parts = []
+    states = []
     for name, body in model.bodies.items():
         placed = model.arrays.placed(mechanism.placements[name])
-        parts += [*placed, *mechanism.start.elastic_state(name, body.modes)]
-    return np.concatenate([np.ravel(part) for part in parts])
+        states += [*placed, *mechanism.start.elastic_state(name, body.modes)]
+    return np.concatenate([np.ravel(state) for state in states])
 
 
 class _JumpedError(ValueError):
@@ -193,12 +208,13 @@ class _Differences:
         build = parametric(self.model).build
         if build in _REPEATABLE:
             return
-        again, part = self.state(np.zeros(0)), self.numbers.part
-        sizes = np.zeros(int(part[-1]) + 1)
-        np.maximum.at(sizes, part, np.abs(self.numbers.here))
-        change = np.abs(again.numbers - self.numbers.here)
-        one, two = (_start_of(m.mechanism, self.model) for m in (self.model, again.model))
-        if np.any(change > _DIFFERENT * sizes[part]) or not np.allclose(one, two, _DIFFERENT):
+        rebuilt, group, values = self.state(np.zeros(0)), self.numbers.group, self.numbers.values
+        sizes = np.zeros(int(group[-1]) + 1)
+        np.maximum.at(sizes, group, np.abs(values))
+        changed = np.abs(rebuilt.numbers - values) > OPTIONS.different * sizes[group]
+        start = _start_of(self.model.mechanism, self.model)
+        rebuilt_start = _start_of(rebuilt.model.mechanism, self.model)
+        if np.any(changed) or not np.allclose(start, rebuilt_start, OPTIONS.different):
             raise ValueError(
                 "parameters: the function that makes the mechanism returns another one for the "
                 "same values: it draws random numbers, counts its calls or reads a clock; let it "
@@ -209,80 +225,97 @@ class _Differences:
 
     def contracted(self, bars: Sequence[MechanismBars]) -> Array:
         """Derivatives (bars, parameters) of numbers from those by what the mechanism says."""
-        along = np.array([self.numbers.bars(bar.arrays, bar.bodies) for bar in bars])
-        found, alone = np.zeros((len(bars), len(self.ranges))), list(range(len(self.ranges)))
-        if (together := self._together()) is not None:
-            slopes, owner, alone = together
-            for row, own in zip(found, along, strict=True):
-                row[:] = np.bincount(owner + 1, own * slopes, found.shape[1] + 1)[1:]
-        for k in alone:
-            found[:, k] = 0.0
+        by_numbers = np.array([self.numbers.bars(bar.arrays, bar.bodies) for bar in bars])
+        count = len(self.ranges)
+        derivatives, remaining = np.zeros((len(bars), count)), list(range(count))
+        grouped = self._grouped()
+        if grouped is not None:
+            slopes, owner, remaining = grouped
+            for row, bar in zip(derivatives, by_numbers, strict=True):
+                row[:] = np.bincount(owner + 1, bar * slopes, count + 1)[1:]
+        for k in remaining:
+            derivatives[:, k] = 0.0
             for weight, state in self.around(k):
-                found[:, k] += weight * (along @ (state.numbers - self.numbers.here))
+                change = by_numbers @ (state.numbers - self.numbers.values)
+                derivatives[:, k] += weight * change
                 if np.any(state.y) or np.any(state.v):
-                    found[:, k] += weight * np.array(
-                        [bar.y @ state.y + bar.v @ state.v for bar in bars]
-                    )
-        return found
+                    of_start = [bar.y @ state.y + bar.v @ state.v for bar in bars]
+                    derivatives[:, k] += weight * np.array(of_start)
+        return derivatives
 
-    def _together(self) -> tuple[Array, Integers, list[int]] | None:
-        """Slopes of the numbers by parameters, found of many at once.
+    def _grouped(self) -> tuple[Array, Integers, list[int]] | None:
+        """Slopes of the numbers by parameters that are shifted in groups.
 
         Returns the slopes, of each number the one parameter on which it depends or -1, (numbers,)
-        each, and the parameters that must be looked at alone: those on which the start depends or
-        a number with others, and those over whose steps slopes change. None where this saves
-        nothing, or fails.
+        each, and the parameters that must be shifted one by one: those on which the start depends
+        or a number with others, and those over whose steps slopes change. None where groups save
+        nothing, or fail.
 
         Parameters are shifted in groups, such that no parameter is in all groups of another one. A
         number that has changed with the very groups of one parameter depends on it alone.
         """
-        count = len(self.ranges)
+        count, values = len(self.ranges), self.numbers.values
         groups = _groups(count)
         if groups.shape[1] + 1 >= 2 * count:
             return None
-        sides = np.array([self._side(*own) for _, *own in self.ranges])
+
+        # steps to one side where there is no room for both
+        sides = np.array([self._side(below, above) for _, below, above in self.ranges])
         widths = np.array([below + above for _, below, above in self.ranges])
-        # No two alike, so that no changes cancel
-        steps = _SHORT * widths * (0.5 + 0.5 * (np.arange(1, count + 1) * 0.6180339887 % 1.0))
-        steps, central = np.where(sides < 0, -steps, steps), sides == 0
+        central = sides == 0
+        # no two alike, so that no changes cancel
+        steps = (
+            OPTIONS.short_step
+            * widths
+            * (0.5 + 0.5 * (np.arange(1, count + 1) * OPTIONS.golden % 1.0))
+        )
+        steps = np.where(sides < 0, -steps, steps)
         try:
             states = [self.state(steps * group) for group in groups.T]
             back = self.state(np.where(central, -steps, 2.0 * steps))
-        except ValueError:  # the parameter is found alone
+        except ValueError:  # the parameter is found by shifting one by one
             return None
-        here = self.numbers.here
-        there = np.array([state.numbers for state in states])
-        changed = there != here
-        first = there[np.argmax(changed, axis=0), np.arange(here.size)]
-        place = 2 ** np.arange(len(states))
-        codes, seen = groups @ place, place @ changed
-        owners = np.full(2 ** len(states), -1)
-        owners[codes] = np.arange(count)
-        owner = np.where(np.all(there == np.where(changed, first, here), axis=0), owners[seen], -1)
-        shared = set(seen[(owner < 0) & (np.any(changed, axis=0) | (back.numbers != here))])
+
+        # of each number the parameter whose groups have changed it, always by the same amount
+        shifted = np.array([state.numbers for state in states])
+        changed = shifted != values
+        ahead_values = shifted[np.argmax(changed, axis=0), np.arange(values.size)]
+        bit = 2 ** np.arange(len(states))
+        code_of_parameter, code_of_number = groups @ bit, bit @ changed
+        parameter_of_code = np.full(2 ** len(states), -1)
+        parameter_of_code[code_of_parameter] = np.arange(count)
+        alike = np.all(shifted == np.where(changed, ahead_values, values), axis=0)
+        owner = np.where(alike, parameter_of_code[code_of_number], -1)
+        owned = owner >= 0
+
+        # parameters of which some number changes with others, or the start does
+        depends = np.any(changed, axis=0) | (back.numbers != values)
+        shared = set(code_of_number[~owned & depends])
         if self.start is not None and np.any(starts := self._start_numbers):
             inputs = np.array([self._start_inputs(s.model)[starts] for s in states])
-            shared |= set(place @ (inputs != self._inputs[starts])) - {0}
-        # Nothing is known where it changes on one side only
-        alone = np.array([any(own & ~s == 0 or s == 0 for s in shared) for own in codes])
+            shared |= set(bit @ (inputs != self._inputs[starts])) - {0}
+        # nothing is known where a number changes on one side only, code 0
+        one_by_one = np.array(
+            [any(own & ~code == 0 or code == 0 for code in shared) for own in code_of_parameter]
+        )
+
         step, one_sided = steps[owner], ~central[owner]
-        ahead, behind = first - here, back.numbers - here
+        ahead, behind = ahead_values - values, back.numbers - values
         slopes = np.where(one_sided, 2.0 * ahead - 0.5 * behind, 0.5 * (ahead - behind)) / step
         bend = np.where(one_sided, behind - 2.0 * ahead, ahead + behind)
         change = np.where(one_sided, behind, ahead - behind)
-        parts = int(self.numbers.part[-1]) + 1
-        where, size = owner * parts + self.numbers.part, count * parts
-        where[owner < 0] = 0
-        bend[owner < 0] = change[owner < 0] = 0.0
-        bent = _bends(bend, change, here, where, size).reshape(count, parts)
-        alone |= np.any(bent, axis=1)
-        slopes[owner < 0] = 0.0
-        return slopes, owner, np.flatnonzero(alone).tolist()
+        for array in (slopes, bend, change):
+            array[~owned] = 0.0
+        group_count = int(self.numbers.group[-1]) + 1
+        place = np.where(owned, owner * group_count + self.numbers.group, 0)
+        bent = _bends(bend, change, values, place, count * group_count)
+        one_by_one |= np.any(bent.reshape(count, group_count), axis=1)
+        return slopes, owner, np.flatnonzero(one_by_one).tolist()
 
     @staticmethod
     def _side(below: float, above: float) -> int:
         """0 if there is room for steps to both sides of a parameter, else 1 or -1."""
-        if 2.0 * _STEP * (below + above) <= min(below, above):
+        if 2.0 * OPTIONS.step * (below + above) <= min(below, above):
             return 0
         return 1 if above >= below else -1
 
@@ -300,47 +333,48 @@ class _Differences:
             raise ValueError(f"parameter {name!r}: no derivative: {error}") from error
 
     def _around(self, k: int, width: float, side: int) -> list[tuple[float, _State]]:
-        central, side, here = side == 0, side or 1, self.numbers.here
-        found, steps = list[tuple[float, _State]](), [_SHORT]
-        steps += [_STEP * _SHORTER**n for n in range(_TIMES)]
+        central, side = side == 0, side or 1
+        none = np.zeros(self.model.size)
+        base = _State(self.model, self.numbers.values, none, none)
+        steps = [OPTIONS.short_step]
+        steps += [OPTIONS.step * OPTIONS.shorter**n for n in range(OPTIONS.most_steps)]
 
-        def at(h: float, offsets: Sequence[int]) -> list[_State]:
+        def shifted(h: float, offsets: Sequence[int]) -> list[_State]:
             return [self.started(side * s * h * np.eye(k + 1)[k]) for s in offsets]
 
         for h in (step * width for step in steps):
+            second_order = h == steps[0] * width
             try:
-                states, two = at(h, (-1, 1) if central else (1, 2)), h == steps[0] * width
-                if not two:
-                    states += at(h, (-2, 2) if central else (3, 4))
+                states = shifted(h, (-1, 1) if central else (1, 2))
+                if not second_order:
+                    states += shifted(h, (-2, 2) if central else (3, 4))
             except _JumpedError:
                 if h == steps[-1] * width:
                     raise
                 continue
-            if two and any(np.any(state.y) or np.any(state.v) for state in states):
+            if second_order and any(np.any(state.y) or np.any(state.v) for state in states):
                 continue
             if central:
-                weights = [-1 / 2, 1 / 2] if two else [-2 / 3, 2 / 3, 1 / 12, -1 / 12]
+                weights = [-1 / 2, 1 / 2] if second_order else [-2 / 3, 2 / 3, 1 / 12, -1 / 12]
             else:
-                weights = [2.0, -1 / 2] if two else [4.0, -3.0, 4 / 3, -1 / 4]
-            pairs = zip(weights, states, strict=True)
-            found = [(side * weight / h, state) for weight, state in pairs]
-            none = np.zeros(self.model.size)
-            base = _State(self.model, here, none, none)
+                weights = [2.0, -1 / 2] if second_order else [4.0, -3.0, 4 / 3, -1 / 4]
             ends = (states[-2] if central else base), states[-1]
-            if not self._bent(*ends, base if central else states[0 if two else 1]):
-                return found
+            middle = base if central else states[0 if second_order else 1]
+            if not self._bent(*ends, middle):
+                pairs = zip(weights, states, strict=True)
+                return [(side * weight / h, state) for weight, state in pairs]
         raise ValueError(
             "its slopes from below and from above differ, however near to its value they are "
             "taken, as where the function that makes the mechanism has an `if`, a maximum or a "
             "rounding at this value: use a smooth function, or another value"
         )
 
-    def _bent(self, one: _State, two: _State, middle: _State) -> bool:
+    def _bent(self, begin: _State, end: _State, middle: _State) -> bool:
         """Whether slopes change between two ends by more than a share and round-off."""
-        a, b, here = (np.concatenate([s.numbers, s.y, s.v]) for s in (one, two, middle))
-        last = int(self.numbers.part[-1]) + 1
-        where = np.append(self.numbers.part, np.repeat([last, last + 1], self.model.size))
-        return bool(np.any(_bends(a + b - 2.0 * here, a - b, here, where, last + 2)))
+        a, b, c = (np.concatenate([s.numbers, s.y, s.v]) for s in (begin, end, middle))
+        count = int(self.numbers.group[-1]) + 1
+        group = np.append(self.numbers.group, np.repeat([count, count + 1], self.model.size))
+        return bool(np.any(_bends(a + b - 2.0 * c, a - b, c, group, count + 2)))
 
     def state(self, shift: Array) -> _State:
         """What the mechanism says at a shift of its parameters; a shorter one ends in zeros."""
@@ -358,25 +392,24 @@ class _Differences:
         ):
             return state
         assert self.start is not None
-        _, there, rate = started(state.model.at(self.model.times[:1]))
-        y = self.model.arrays.difference(there[None], self.start[0])[0]
+        _, position, velocity = started(state.model.at(self.model.times[:1]))
+        y = self.model.arrays.difference(position[None], self.start[0])[0]
         size = float(np.max(np.abs(self.start[0]), initial=0.0)) or 1.0
-        if float(np.max(np.abs(y))) > _JUMP * size:
+        if float(np.max(np.abs(y))) > OPTIONS.jump * size:
             raise _JumpedError("the start jumps to another position by a small change of it")
-        return state._replace(y=y, v=rate - self.start[1])
+        return state._replace(y=y, v=velocity - self.start[1])
 
     def _start_inputs(self, model: FlatModel) -> Array:
         """All on which the start depends, shape (inputs,)."""
         arrays = model.at(self.model.times[:1]).arrays
-        still = model.mechanism.start.in_equilibrium
-        parts = [arrays.drive[0, :, :2], arrays.prescribed[0, :, :2]]
-        parts += [getattr(arrays, name) for name in _GEOMETRY]
-        if still:
+        inputs = [arrays.drive[0, :, :2], arrays.prescribed[0, :, :2]]
+        inputs += [getattr(arrays, name) for name in _GEOMETRY]
+        if model.mechanism.start.in_equilibrium:
             # S, K and so on; the metric alone does not matter
-            parts += [arrays.gravity[0], arrays.load_table[0], arrays.law]
-            parts += [arrays.mass, arrays.S, arrays.K]
-        parts.append(_start_of(model.mechanism, self.model))
-        return np.concatenate([np.ravel(part) for part in parts])
+            inputs += [arrays.gravity[0], arrays.load_table[0], arrays.law]
+            inputs += [arrays.mass, arrays.S, arrays.K]
+        inputs.append(_start_of(model.mechanism, self.model))
+        return np.concatenate([np.ravel(array) for array in inputs])
 
     @cached_property
     def _inputs(self) -> Array:
@@ -387,11 +420,10 @@ class _Differences:
         """Which inputs of the start depend on parameters beyond round-off, shape (inputs,)."""
         twin = self.model.stated_by(parametric(self.model).twin, tabulated=False)
         arrays, allowed = self.model.arrays, np.zeros(self._inputs.size)
-        sizes = [np.max(np.abs(arrays.drive[:, :, :2]), axis=0, initial=0.0).ravel()]
-        most = np.max(np.abs(arrays.prescribed[:, :, :2]), axis=(0, 3), initial=0.0)
-        sizes.append(np.repeat(most.ravel(), arrays.d))
-        own = np.concatenate(sizes)
-        allowed[: own.size] = _ROUND_OFF * own
+        of_drives = np.max(np.abs(arrays.drive[:, :, :2]), axis=0, initial=0.0)
+        of_vectors = np.max(np.abs(arrays.prescribed[:, :, :2]), axis=(0, 3), initial=0.0)
+        sizes = np.append(of_drives.ravel(), np.repeat(of_vectors.ravel(), arrays.d))
+        allowed[: sizes.size] = OPTIONS.round_off * sizes
         return np.abs(self._start_inputs(twin) - self._inputs) > allowed
 
 
@@ -401,25 +433,30 @@ def _groups(count: int) -> Integers:
     So many groups that there are enough halves; none is a part of another one (E. Sperner,
     Mathematische Zeitschrift 27 (1928), doi:10.1007/BF01171114).
     """
-    groups = next(m for m in itertools.count(1) if math.comb(m, m // 2) >= count)
-    found = np.zeros((count, groups), dtype=np.int64)
-    halves = itertools.combinations(range(groups), groups // 2)
-    for row, half in zip(found, halves, strict=False):
+    number = next(m for m in itertools.count(1) if math.comb(m, m // 2) >= count)
+    groups = np.zeros((count, number), dtype=np.int64)
+    halves = itertools.combinations(range(number), number // 2)
+    for row, half in zip(groups, halves, strict=False):
         row[list(half)] = 1
-    return found
+    return groups
 
 
 def without_markers(body: VolumeIntegrals) -> VolumeIntegrals:
     """Integrals with markers of zero, which count with the vectors that are made of them."""
-    return replace(body, markers={name: own.scaled(0.0) for name, own in body.markers.items()})
+    markers = {name: marker.scaled(0.0) for name, marker in body.markers.items()}
+    return replace(body, markers=markers)
 
 
-def _bends(bend: Array, change: Array, here: Array, where: Integers, count: int) -> Mask:
-    """Of each part whether second differences exceed a share of first ones and round-off."""
-    most = np.zeros((3, count))
-    for own, values in zip(most, (bend, change, here), strict=True):
-        np.maximum.at(own, where, np.abs(values))
-    bent: Mask = most[0] > _BENT * most[1] + _ROUND_OFF * (most[2] + 1.0)
+def _bends(bend: Array, change: Array, values: Array, group: Integers, count: int) -> Mask:
+    """Of each group whether second differences exceed a share of first ones and round-off."""
+
+    def largest(array: Array) -> Array:
+        by_group = np.zeros(count)
+        np.maximum.at(by_group, group, np.abs(array))
+        return by_group
+
+    allowed = OPTIONS.bent * largest(change) + OPTIONS.round_off * (largest(values) + 1.0)
+    bent: Mask = largest(bend) > allowed
     return bent
 
 

@@ -62,49 +62,50 @@ class Numbers:
         self.times = model.tables.beside_jumps(instants)
         self._entries = list(_entries(model))
         self._fixed = [entry.stated()[1] for entry in self._entries]
-        own = model.mechanism.own_bodies
+        of_mechanism = model.mechanism.own_bodies
         #: Bodies whose integrals may change, with their geometric stiffness by loads
         self._bodies = {
             name: body.stiffening
             for name, body in model.effective.items()
-            if name in own or body is not model.bodies[name]
+            if name in of_mechanism or body is not model.bodies[name]
         }
         self._renew()
 
     def _renew(self) -> None:
         """Set the numbers of the model itself."""
-        self._own: list[Array] = []
-        self._own = self._parts(self.model, self._entries)
-        self.here = np.concatenate(self._own)
-        #: Part of the description to which a number belongs, shape (numbers,)
-        self.part = np.repeat(np.arange(len(self._own)), [part.size for part in self._own])
+        self._groups: list[Array] = []
+        self._groups = self._groups_of(self.model, self._entries)
+        self.values = np.concatenate(self._groups)
+        #: Group of numbers, as those of one signal, to which each belongs, shape (numbers,)
+        sizes = [group.size for group in self._groups]
+        self.group = np.repeat(np.arange(len(sizes)), sizes)
 
     def of(self, model: FlatModel) -> Array:
         """The numbers of another model, (numbers,); OtherLawError: a signal is of another kind."""
         entries = list(_entries(model))
         if len(entries) != len(self._entries):
             raise ValueError("the number of vectors on which joints and forces depend changes")
-        return np.concatenate(self._parts(model, entries))
+        return np.concatenate(self._groups_of(model, entries))
 
-    def _parts(self, model: FlatModel, entries: list[_Entry]) -> list[Array]:
+    def _groups_of(self, model: FlatModel, entries: list[_Entry]) -> list[Array]:
         arrays = model.arrays
-        parts = [self._constants(model, entries)]
-        parts += [getattr(arrays, name).ravel() for name in _CONSTANTS]
+        groups = [self._constants(model, entries)]
+        groups += [getattr(arrays, name).ravel() for name in _CONSTANTS]
         for name, loads in self._bodies.items():
-            parts.append(_numbers(model.effective[name], loads))
+            groups.append(_numbers(model.effective[name], loads))
         for k, entry in enumerate(entries):
-            if self._own and entry.signal is self._entries[k].signal:
-                parts.append(self._own[len(parts)])
+            if self._groups and entry.signal is self._entries[k].signal:
+                groups.append(self._groups[len(groups)])
             elif self._fixed[k] is None:
-                parts.append(entry.sampled(self.times, self._rates(entry)))
+                groups.append(entry.sampled(self.times, self._rates(entry)))
             else:
                 numbers, fixed = entry.stated()
                 if fixed != self._fixed[k]:
                     self._fixed[k] = None
                     self._renew()
                     raise OtherLawError
-                parts.append(numbers)
-        return parts
+                groups.append(numbers)
+        return groups
 
     def _constants(self, model: FlatModel, entries: list[_Entry]) -> Array:
         """What rows and springs have beside the motions that they follow, shape (rows,)."""
@@ -118,8 +119,8 @@ class Numbers:
         for r in range(count):
             start = float(sample(entries[r].signal, model.times[:1], "the start")[0])
             scale, constants[r] = abs(constants[r]) + abs(start), constants[r] - start
-            if self._own and abs(constants[r] - self._own[0][r]) <= _ROUND_OFF * scale:
-                constants[r] = self._own[0][r]
+            if self._groups and abs(constants[r] - self._groups[0][r]) <= _ROUND_OFF * scale:
+                constants[r] = self._groups[0][r]
         return constants
 
     def _rates(self, entry: _Entry) -> bool:
@@ -128,49 +129,49 @@ class Numbers:
 
     def bars(self, arrays: Mapping[str, Array], bodies: Mapping[str, VolumeIntegrals]) -> Array:
         """Derivatives by the numbers from those by tables and bodies, shape (numbers,)."""
-        parts = [np.sum(arrays["drive"][:, :, 0], axis=0)]
+        groups = [np.sum(arrays["drive"][:, :, 0], axis=0)]
         for name in _CONSTANTS:
-            there = getattr(self.model.arrays, name)
-            parts.append(np.ravel(arrays[name]) if name in arrays else np.zeros(there.size))
-        parts += [_numbers(bodies[name], loads) for name, loads in self._bodies.items()]
+            size = getattr(self.model.arrays, name).size
+            groups.append(np.ravel(arrays[name]) if name in arrays else np.zeros(size))
+        groups += [_numbers(bodies[name], loads) for name, loads in self._bodies.items()]
         for entry, fixed in zip(self._entries, self._fixed, strict=True):
-            own = entry.sign * arrays[entry.field][entry.place].T
+            bar = entry.sign * arrays[entry.field][entry.place].T
             if fixed is None:
-                parts.append(own.ravel())
+                groups.append(bar.ravel())
             elif isinstance(entry.signal, Motion):
-                bars = own if own.ndim == 2 else np.stack([own, 0.0 * own, 0.0 * own])
-                parts.append(entry.signal.pullback(self.times, bars))
+                bars = bar if bar.ndim == 2 else np.stack([bar, 0.0 * bar, 0.0 * bar])
+                groups.append(entry.signal.pullback(self.times, bars))
             else:
-                parts.append(np.array([np.sum(own[0] if own.ndim == 2 else own)]))
-        return np.concatenate(parts)
+                groups.append(np.array([np.sum(bar[0] if bar.ndim == 2 else bar)]))
+        return np.concatenate(groups)
 
 
 def _numbers(body: VolumeIntegrals, loads: Mapping[str, Array]) -> Array:
     """Numbers of a body, or of derivatives by it, without its markers; zeros for missing loads."""
     moments = (body.G, body.N) if body.P is None else (body.P,)
-    parts = [np.array(body.mass), body.S, body.K, *moments]
-    parts += [body.stiffening.get(load, 0.0 * own) for load, own in loads.items()]
-    return np.concatenate([np.ravel(part) for part in parts])
+    integrals = [np.array(body.mass), body.S, body.K, *moments]
+    integrals += [body.stiffening.get(load, 0.0 * zeros) for load, zeros in loads.items()]
+    return np.concatenate([np.ravel(array) for array in integrals])
 
 
 def _entries(model: FlatModel) -> Iterator[_Entry]:
     """Signals of rows, springs, loads and gravity, and of vectors that move as prescribed."""
-    tables, arrays, every, d = model.tables, model.arrays, slice(None), model.dimension
+    tables, arrays, instants, d = model.tables, model.arrays, slice(None), model.dimension
     rows = [row for row, _ in tables.rows]
     springs = [spring for element, _ in tables.elements for spring in element.springs]
     loads = [load for element, _ in tables.elements for load in element.loads]
     for r, row in enumerate(rows):
-        yield _Entry(0.0 if row.motion is None else row.motion, "drive", (every, r))
+        yield _Entry(0.0 if row.motion is None else row.motion, "drive", (instants, r))
     for r, spring in enumerate(springs, len(rows)):
-        yield _Entry(spring.rest, "drive", (every, r, 0))
+        yield _Entry(spring.rest, "drive", (instants, r, 0))
     for number, load in enumerate(loads):
         moment, turning = load.target.kind == VectorKind.SPIN, tables.lowering.undeformed.turning
         components = turning(load.components) if moment else load.components[:d]
         for k, signal in enumerate(components):
-            yield _Entry(signal, "load_table", (every, number, k))
+            yield _Entry(signal, "load_table", (instants, number, k))
     for field, sign in (("gravity", 1.0), ("ground_acceleration", -1.0)):
         for k, signal in enumerate(getattr(model.mechanism, field)[:d]):
-            yield _Entry(signal, "gravity", (every, k), sign)
+            yield _Entry(signal, "gravity", (instants, k), sign)
     rows += [spring.row for spring in springs]
     numbers = np.flatnonzero(arrays.vector_body < 0)
     for slot, (number, (marker, _)) in enumerate(
@@ -178,11 +179,15 @@ def _entries(model: FlatModel) -> Iterator[_Entry]:
     ):
         kind, components = arrays.vector_kind[number], (0.0, 0.0, 0.0)
         if kind == VectorKind.DIRECTION:
-            held = np.argwhere(arrays.side == number)
-            i, j = (held if held.size else np.argwhere(arrays.load_axes == number))[0]
-            components = (rows[i].vectors[j] if held.size else loads[i].axes[j]).components
+            sides, axes = (
+                np.argwhere(arrays.side == number),
+                np.argwhere(arrays.load_axes == number),
+            )
+            i, j = (sides if sides.size else axes)[0]
+            vector = rows[i].vectors[j] if sides.size else loads[i].axes[j]
+            components = vector.components
         for k, signal in enumerate(_coordinates(marker, kind, components, d)):
-            yield _Entry(signal, "prescribed", (every, slot, every, k))
+            yield _Entry(signal, "prescribed", (instants, slot, slice(None), k))
 
 
 def _coordinates(

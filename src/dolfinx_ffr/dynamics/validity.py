@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Container, Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,37 +20,48 @@ from .vibrations import lost_vibrations, resonance_error
 #: Kinds and texts of warnings.
 Warnings = Iterator[tuple[type[UserWarning], str]]
 
-#: Largest deformation in parts of a body's length, a root mean square by mass: that of a cantilever
-#: whose end moves by a tenth of its length, or of a rod that is stretched by nine percent. The end
-#: of such a cantilever is 0.6 percent of its length, (3/5) d^2 / L, nearer than by linear theory.
-LARGEST_DEFORMATION = 0.05
-#: Largest estimates of the relative errors of positions, and of deformations in the mean, chosen so
-#: that the integral compliance is off by a tenth or so where they are reached. Its error, measured
-#: with generalised-alpha and 10 to 640 steps, is 4 times the first estimate on a slider-crank, and
-#: 2 (slider-crank), 0.2 to 2 (four-bar linkage), 3 to 5 (robot) and 3 times (loader) the second.
-LARGEST_STEP_ERROR = 0.03
-LARGEST_ELASTIC_STEP_ERROR = 0.015
-#: Largest share of the mean strain energy that a motion may have lost by vibrations that its steps
-#: damp away; the integral compliance is off by as much
-LARGEST_LOSS = 0.05
-#: Square of omega h up to which a method shows its order. Beyond, a step spans a sixth of an
-#: oscillation: Radau IIA damps such vibrations away instead of following them, and the rest tells
-#: their size no more. With 8 and 12 steps it is off by 43 and 17 percent on the robot, where its
-#: order would promise 0.7 percent.
-LARGEST_RESOLVED = 1.0
-#: Angle by which a body may turn in one step about an axis that moves [rad]. With generalised-alpha
-#: a heavy top that turns by 0.15, 0.075 and 0.0375 rad a step is off by 9, 2 and 0.5 percent of its
-#: length after one second.
-LARGEST_TURN = 0.1
-#: Sine of the angle between the axes of two markers up to which an angle about them counts: that
-#: angle is off by a fifth of the square of this one, and a bushing's moments by half of it.
-LARGEST_TILT = 0.1
-#: Corrections of placements that are made without a word: in parts of the largest distance of a
-#: marker from the origin of its body's frame, and [rad]. That distance is half a rod's length where
-#: the frame lies in its middle, and rough placements are off by it at times.
-LARGEST_CORRECTION, LARGEST_CORRECTING_TURN = 1.2, 0.35
-#: Steps to advise at least: from a handful nothing can be told about a motion between them.
-_FEWEST_STEPS = 20
+
+@dataclass(frozen=True)
+class Limits:
+    """Sizes from which on a motion is warned of."""
+
+    #: Deformation in parts of a body's length, a root mean square by mass: that of a cantilever
+    #: whose end moves by a tenth of its length, or of a rod that is stretched by nine percent. The
+    #: end of such a cantilever is 0.6 percent of its length, (3/5) d^2 / L, nearer than by linear
+    #: theory.
+    deformation: float = 0.05
+    #: Estimates of the relative errors of positions, and of deformations in the mean, chosen so
+    #: that the integral compliance is off by a tenth or so where they are reached. Its error,
+    #: measured with generalised-alpha and 10 to 640 steps, is 4 times the first estimate on a
+    #: slider-crank, and 2 (slider-crank), 0.2 to 2 (four-bar linkage), 3 to 5 (robot) and 3 times
+    #: (loader) the second.
+    step_error: float = 0.03
+    elastic_step_error: float = 0.015
+    #: Share of the mean strain energy that a motion may have lost by vibrations that its steps damp
+    #: away; the integral compliance is off by as much.
+    loss: float = 0.05
+    #: Square of omega h up to which a method shows its order. Beyond, a step spans a sixth of an
+    #: oscillation: Radau IIA damps such vibrations away instead of following them, and the rest
+    #: tells their size no more. With 8 and 12 steps it is off by 43 and 17 percent on the robot,
+    #: where its order would promise 0.7 percent.
+    resolved: float = 1.0
+    #: Angle by which a body may turn in one step about an axis that moves [rad]. With
+    #: generalised-alpha a heavy top that turns by 0.15, 0.075 and 0.0375 rad a step is off by 9, 2
+    #: and 0.5 percent of its length after one second.
+    turn: float = 0.1
+    #: Sine of the angle between the axes of two markers up to which an angle about them counts:
+    #: that angle is off by a fifth of the square of this one, and a bushing's moments by half.
+    tilt: float = 0.1
+    #: Corrections of placements that are made without a word: in parts of the largest distance of a
+    #: marker from the origin of its body's frame, and [rad]. That distance is half a rod's length
+    #: where the frame lies in its middle, and rough placements are off by it at times.
+    correction: float = 1.2
+    correcting_turn: float = 0.35
+    #: Steps to advise at least: from a handful nothing can be told about a motion between them.
+    fewest_steps: int = 20
+
+
+LIMITS = Limits()
 
 
 class SofteningWarning(UserWarning):
@@ -116,12 +128,18 @@ def _exceeded(trajectory: Trajectory, complete: bool, steps_given: bool) -> Warn
 def _placements(trajectory: Trajectory) -> Warnings:
     """Joints that close far from the placements."""
     model = trajectory.model
-    found, length = placement_corrections(model, trajectory.y[0]), length_of(model.arrays)
-    if not found:
+    corrections = placement_corrections(model, trajectory.y[0])
+    if not corrections:
         return
-    body = max(found, key=lambda name: max(found[name][0] / length, found[name][1]))
-    distance, angle = found[body]
-    if distance <= LARGEST_CORRECTION * length and angle <= LARGEST_CORRECTING_TURN:
+    length = length_of(model.arrays)
+
+    def size(name: str) -> float:
+        distance, angle = corrections[name]
+        return max(distance / length, angle)
+
+    body = max(corrections, key=size)
+    distance, angle = corrections[body]
+    if distance <= LIMITS.correction * length and angle <= LIMITS.correcting_turn:
         return
     joint, gap = widest_gap(model)
     yield (
@@ -143,20 +161,20 @@ def _deformations(trajectory: Trajectory, reported: Container[str]) -> Warnings:
         length = math.sqrt(12.0 * max(body.G[0, 0] / body.mass - center @ center, 0.0))
         k = int(np.argmax(squares))
         deformation = math.sqrt(max(squares[k], 0.0))
-        if deformation > LARGEST_DEFORMATION * length:
+        if deformation > LIMITS.deformation * length:
             yield (
                 LargeDeformationWarning,
                 f"body {name!r} is deformed by {deformation / length:.2g} of its length (root mean "
                 f"square) at t = {trajectory.t[k]:.4g} s, and linear theory holds to about "
-                f"{LARGEST_DEFORMATION:g}: loads or drives are too strong, joints fight each other "
+                f"{LIMITS.deformation:g}: loads or drives are too strong, joints fight each other "
                 "where a direction should be free, or the body is too soft",
             )
 
 
 def _reversed_axes(trajectory: Trajectory) -> Warnings:
     """A joint in space whose axis points the other way at the end."""
-    last = trajectory.steps
-    joint = reversed_joint(trajectory.model, (0, trajectory.y[0]), (last, trajectory.y[last]))
+    start, end = (0, trajectory.y[0]), (trajectory.steps, trajectory.y[-1])
+    joint = reversed_joint(trajectory.model, start, end)
     if joint is not None:
         yield (
             TimeStepWarning,
@@ -168,18 +186,19 @@ def _reversed_axes(trajectory: Trajectory) -> Warnings:
 def _tilted_axes(trajectory: Trajectory) -> Warnings:
     """Drives, gears and torsional springs in space whose axis no joint fixes."""
     model = trajectory.model
-    found = tilts(model.arrays, trajectory.y)
-    springs = found[model.rows :]
-    parts = {f"joint {name!r}": found[rows] for name, rows in model.joints.items()}
-    for name, places in model.forces.items():
-        parts[f"force {name!r}"] = springs[[k for k in places if k < len(springs)]]
-    for what, own in parts.items():
-        tilt = float(np.max(own, initial=0.0))
-        if tilt > LARGEST_TILT:
+    tilt_of_row = tilts(model.arrays, trajectory.y)
+    tilt_of_spring = tilt_of_row[model.rows :]
+    by_user = {f"joint {name!r}": tilt_of_row[rows] for name, rows in model.joints.items()}
+    for name, numbers in model.forces.items():
+        springs = [number for number in numbers if number < len(tilt_of_spring)]
+        by_user[f"force {name!r}"] = tilt_of_spring[springs]
+    for what, tilts_of_user in by_user.items():
+        tilt = float(np.max(tilts_of_user, initial=0.0))
+        if tilt > LIMITS.tilt:
             yield (
                 TiltedAxisWarning,
                 f"{what}: the axes of its markers part by {math.asin(min(tilt, 1.0)):.2g} rad, and "
-                f"an angle about them means little beyond {LARGEST_TILT:g}: hold its axis by a "
+                f"an angle about them means little beyond {LIMITS.tilt:g}: hold its axis by a "
                 "joint (Revolute, Cylindrical), or, of a Bushing, make it stiffer about all axes",
             )
 
@@ -212,12 +231,12 @@ def _turns(trajectory: Trajectory) -> Warnings:
     h, steps = np.diff(trajectory.t, prepend=trajectory.t[0]), len(trajectory.step_ends) - 1
     for b, name in enumerate(model.bodies):
         turn = model.arrays.largest_turn(b, trajectory.y, trajectory.v, h)
-        if turn > LARGEST_TURN:
+        if turn > LIMITS.turn:
             yield (
                 TimeStepWarning,
                 f"body {name!r} turns by up to {turn:.2g} rad in one time step about an axis that "
-                f"moves, which takes steps below {LARGEST_TURN:g} rad to follow: take "
-                f"{math.ceil(steps * turn / LARGEST_TURN)} steps instead of {steps}",
+                f"moves, which takes steps below {LIMITS.turn:g} rad to follow: take "
+                f"{math.ceil(steps * turn / LIMITS.turn)} steps instead of {steps}",
             )
 
 
@@ -225,11 +244,11 @@ def _lost_vibrations(trajectory: Trajectory) -> Warnings:
     """Vibrations that the start or a jump excites and that the steps damp away."""
     lost, method = lost_vibrations(trajectory), trajectory.integrator
     # A tolerance that was asked for may allow more than the limit without one.
-    if lost.share <= max(LARGEST_LOSS, 2.0 * (method.chosen_for or 0.0)):
+    if lost.share <= max(LIMITS.loss, 2.0 * (method.chosen_for or 0.0)):
         return
     flexible = any(body.modes for body in trajectory.model.bodies.values())
     what = "strain energy" if flexible else "square of the accelerations"
-    where = "the start" if lost.time == 0.0 else f"the jump at t = {lost.time:.4g} s"
+    cause = "the start" if lost.time == 0.0 else f"the jump at t = {lost.time:.4g} s"
     remedy = "Take TimeInterval(end_time, tolerance), which finds steps that keep them"
     if method.chosen_for is not None:
         remedy = (
@@ -238,7 +257,7 @@ def _lost_vibrations(trajectory: Trajectory) -> Warnings:
         )
     yield (
         TimeStepWarning,
-        f"{where} excites vibrations, of {lost.frequency:.4g} Hz first of all, that would make "
+        f"{cause} excites vibrations, of {lost.frequency:.4g} Hz first of all, that would make "
         f"{100.0 * lost.share:.2g} percent of the mean {what}: {method.in_words} damp them away, "
         f"the machine does not. {remedy}, let loads and drives set in smoothly "
         "(Motion.smooth_step), begin in StaticEquilibrium(), or give the bodies the damping that "
@@ -280,11 +299,11 @@ def _unjudged_forces(trajectory: Trajectory) -> Warnings:
 def _loads(trajectory: Trajectory) -> Warnings:
     """Loads and motions that change within a step."""
     ends, order = trajectory.step_ends, trajectory.integrator.order
-    found = load_steps(trajectory.model.tables, float(ends[-1]), SAMPLING.samples_of_a_look)
-    begins, lengths = found.ends[:-1], np.diff(found.ends)
+    cells = load_steps(trajectory.model.tables, float(ends[-1]), SAMPLING.samples_of_a_look)
+    begins, lengths = cells.ends[:-1], np.diff(cells.ends)
     middle = begins + 0.5 * lengths
     steps = np.diff(ends)[np.clip(np.searchsorted(ends, middle) - 1, 0, ends.size - 2)]
-    short = np.flatnonzero(found.fast & (lengths < steps * (0.99 if order > 2 else 1.99)))
+    short = np.flatnonzero(cells.fast & (lengths < steps * (0.99 if order > 2 else 1.99)))
     if not short.size:
         return
     k = short[int(np.argmin(lengths[short]))]
@@ -306,21 +325,21 @@ def _steps(trajectory: Trajectory) -> Warnings:
     rigid, elastic = _squared_phase(trajectory), _squared_elastic_phase(trajectory)
 
     def error(squared: float) -> float:
-        return float((squared / 12.0) ** (0.5 * order if squared < LARGEST_RESOLVED else 1.0))
+        return float((squared / 12.0) ** (0.5 * order if squared < LIMITS.resolved else 1.0))
 
     excess, what, squared, remedy = max(
         (error(squared) / allowed, what, squared, remedy)
         for what, squared, allowed, remedy in [
-            ("positions", rigid, LARGEST_STEP_ERROR, "simulate(tolerance=...)"),
-            ("deformations", elastic, LARGEST_ELASTIC_STEP_ERROR, "Problem.with_tolerance"),
+            ("positions", rigid, LIMITS.step_error, "simulate(tolerance=...)"),
+            ("deformations", elastic, LIMITS.elastic_step_error, "Problem.with_tolerance"),
         ]
     )
     if excess > 1.0:
         # One order less than the method's, as vibrations beyond the steps show in part only.
-        more = excess ** (1.0 / (order - 1))
-        if squared >= LARGEST_RESOLVED:
-            more = max(more, 1.1 * math.sqrt(squared / LARGEST_RESOLVED))
-        enough = max(math.ceil(steps * more), _FEWEST_STEPS)
+        factor = excess ** (1.0 / (order - 1))
+        if squared >= LIMITS.resolved:
+            factor = max(factor, 1.1 * math.sqrt(squared / LIMITS.resolved))
+        enough = max(math.ceil(steps * factor), LIMITS.fewest_steps)
         yield (
             TimeStepWarning,
             f"the time steps are too long for the motion: there are "
@@ -373,14 +392,14 @@ def _softening(trajectory: Trajectory) -> dict[str, str]:
         k = _first_unstable(trajectory, b, soft)
         if k < 0:
             continue
-        at, speed = f"at t = {trajectory.t[k]:.4g} s", float(np.linalg.norm(turning[k]))
+        time, speed = f"at t = {trajectory.t[k]:.4g} s", float(np.linalg.norm(turning[k]))
         if lowest is not None:
             text = (
-                f"turns with {speed:.4g} rad/s {at}, faster than its lowest frequency of "
+                f"turns with {speed:.4g} rad/s {time}, faster than its lowest frequency of "
                 f"{math.sqrt(lowest):.4g} rad/s: without geometric stiffening"
             )
         else:
-            text = f"loses its stiffness {at}, where it turns with {speed:.4g} rad/s" + (
+            text = f"loses its stiffness {time}, where it turns with {speed:.4g} rad/s" + (
                 ", in spite of geometric stiffening: while that lasts,"
                 if arrays.stiffened[b]
                 else ": without geometric stiffening"
