@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 from mpi4py import MPI
@@ -233,6 +234,13 @@ def test_thin_members_are_widened_before_the_first_field(width: float) -> None:
     assert SizeRows.of(field).violation < 2e-3
     thinnest = field.part.thinnest_member
     assert thinnest is not None and thinnest.value > 0.99 * MEMBER
+
+
+def test_a_volume_is_kept_where_sizes_are_mended() -> None:
+    space = replace(plate(), volume=0.9)
+    field = first_field(space, space.body.outline.difference(shapely.Point(0.11, 0.0).buffer(0.01)))
+    assert field.part.area == pytest.approx(0.9 * space.body.area, rel=2e-3)
+    assert SizeRows.of(field).violation < 2e-3
 
 
 def test_material_that_falls_apart_is_no_part() -> None:

@@ -47,6 +47,7 @@ class FieldSpace:
     member: float  #: Minimum member [m]
     gap: float  #: Minimum gap [m]
     radius: float  #: Minimum radius of curvature [m]
+    volume: float  #: Largest share of the body that is filled
     options: FieldOptions
 
     @staticmethod
@@ -56,12 +57,16 @@ class FieldSpace:
         gap: float,
         *,
         radius: float | None = None,
+        volume: float = 1.0,
         rim: float = 0.0,
         mirrors: Sequence[Mirror] = (),
         material: ElasticMaterial | None = None,
         options: FieldOptions = FieldOptions(),  # noqa: B008
     ) -> FieldSpace:
-        """The fields of a ``body`` with minimum sizes [m]; a minimum radius is half a gap."""
+        """The fields of a ``body`` with minimum sizes [m]; a minimum radius is half a gap.
+
+        Where sizes are mended, the ``volume``, a share of the body, is kept as well.
+        """
         isometries = images(mirrors)
         axes = np.eye(2)
         if mirrors:
@@ -72,7 +77,7 @@ class FieldSpace:
         upper = _distance_to_outline(body, grid)
         radius = 0.5 * gap if radius is None else radius
         rims = HoleRims(body, rim)
-        sizes = (member, gap, radius, options)
+        sizes = (member, gap, radius, volume, options)
         held = _near_undefended(body, grid, rims)
         return FieldSpace(grid, body, material, upper, held, isometries, rims, *sizes)
 

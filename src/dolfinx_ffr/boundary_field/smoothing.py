@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags
+from scipy.sparse import csc_matrix, csr_matrix, diags, vstack
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers, Mask
@@ -12,6 +12,8 @@ from .field import SMOOTH, BoundaryField
 from .projection import Projection, SmoothMotion
 from .sizes import SizeRows
 
+#: Violation of a size or the volume that needs no mending
+_MENDED = 1e-3
 #: Rounds in which variables that would leave their bounds are found
 _BOUNDS = 3
 
@@ -48,23 +50,37 @@ def free_variables(field: BoundaryField) -> Mask:
 
 
 def mended(field: BoundaryField, reach: float, smooth: SmoothMotion | None = None) -> BoundaryField:
-    """The field with its minimum sizes, by the smallest motions that give them.
+    """The field with its minimum sizes and largest volume, by the smallest motions for them.
 
     They are small by the metric of the field, or by a ``smooth`` one of a field nearby.
     """
     options = field.space.options
     for _ in range(options.mending):
-        rows = SizeRows.of(field)
-        if rows.violation <= 1e-3:
+        rows, beyond = SizeRows.of(field), _beyond_volume(field)
+        if max(rows.violation, beyond) <= _MENDED:
             break
         smooth_here = smooth or SmoothMotion(metric(field), free_variables(field))
         near = np.flatnonzero(rows.values > -options.at_once)
-        violations = np.minimum(rows.values[near], options.at_once)
-        motion = _within_bounds(field, smooth_here, rows.slopes[near], violations)
+        slopes = vstack([rows.slopes[near], _volume_slope(field)], format="csr")
+        violations = np.minimum(np.append(rows.values[near], beyond), options.at_once)
+        motion = _within_bounds(field, smooth_here, slopes, violations)
         longest = float(np.max(np.abs(motion), initial=0.0))
         motion *= min(1.0, reach / max(longest, 1e-300))
         field = field.with_variables(field.variables + motion)
     return field
+
+
+def _beyond_volume(field: BoundaryField) -> float:
+    """By what share a field encloses more than it may, negative where it encloses less."""
+    if field.space.volume >= 1.0:
+        return -1.0
+    return field.part.area / (field.space.volume * field.space.body.area) - 1.0
+
+
+def _volume_slope(field: BoundaryField) -> csr_matrix:
+    """The derivative of that share by the variables, (1, variables) [1/m]."""
+    most = field.space.volume * field.space.body.area
+    return csr_matrix(field.edge.rows.T @ field.edge.lengths / most)
 
 
 def _within_bounds(
