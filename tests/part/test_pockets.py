@@ -38,8 +38,7 @@ def around_pocket(x: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def part() -> ffr.Part:
-    with pytest.warns(ffr.part.LoosePieceWarning):  # the island
-        return ffr.Part(plate(MPI.COMM_SELF), around_pocket, material=STEEL, web=WEB)
+    return ffr.Part(plate(MPI.COMM_SELF), around_pocket, material=STEEL, web=WEB)
 
 
 KINDS = pytest.mark.parametrize("kind", [ffr.LevelSet, ffr.DensityDesign])
@@ -74,8 +73,8 @@ def test_the_pullback_of_a_web_is_exact(kind: type[ffr.DensityDesign]) -> None:
 
 
 def test_measures_of_a_part_count_the_web(part: ffr.Part) -> None:
-    assert (part.holes, len(part.pockets)) == (1, 1)
-    floor = np.pi * (7e-3) ** 2
+    assert (part.pieces, part.holes, len(part.pockets)) == (2, 1, 1)  # the island is a piece
+    floor = np.pi * (7e-3**2 - 2e-3**2)
     assert part.pocket_area == pytest.approx(floor, rel=1e-4)
     assert part.area + part.pocket_area == pytest.approx(part.body.area, rel=1e-3)
     assert part.volume == pytest.approx(STEEL.thickness * (part.area + WEB * floor), rel=1e-4)
@@ -146,13 +145,14 @@ def test_webs_that_there_cannot_be_are_refused() -> None:
 
 
 def pocketed() -> tuple[Descent, Boundary]:
-    """The rod of the slider-crank with two pockets."""
+    """The rod of the slider-crank with two pockets, in one of which there is an island."""
     problem = reference_problem(MPI.COMM_WORLD, (40, 4), steps=60, modes=3)
     body = problem.flexible["rod"]
     plates = problem.with_bodies({"rod": body.with_interpolation(PLATE)})
 
     def field(x: np.ndarray) -> np.ndarray:
         long = np.maximum(np.abs(x[:, 0] - 0.12) - 0.06, np.abs(x[:, 1]) - 0.014)
+        long = np.maximum(long, 0.006 - np.hypot(x[:, 0] - 0.12, x[:, 1]))
         return np.minimum(long, np.hypot(x[:, 0] - 0.26, x[:, 1]) - 0.013)
 
     part = ffr.Part(body.domain, field, 0.01, material=body.material, web=WEB)
@@ -175,6 +175,21 @@ def test_boundaries_of_pockets_have_exact_slopes_on_all_ranks() -> None:
     filled = [end.excesses["volume of rod"] for end in ends]
     slope = float(slopes.slopes[-1] @ steepest)
     assert (filled[0] - filled[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-3)
+
+
+def test_islands_are_no_holes_and_stay_apart_from_the_edge_of_their_pocket() -> None:
+    _, boundary = pocketed()
+    areas = {key: boundary.hole(key).area for key in boundary.holes}
+    assert len(areas) == 2  # of three closed curves
+    long = max(areas, key=lambda key: areas[key])
+    filled = boundary.without([long])
+    assert (len(filled.holes), filled.part.pieces) == (1, 1)
+    (island,) = set(boundary.free) - set(boundary.holes)
+    first = boundary.first[island]
+    motion = np.zeros((boundary.n_controls, 2))
+    motion[first : first + len(boundary.free[island].control), 1] = 0.01
+    assert boundary.valid
+    assert not boundary.slid(motion).valid
 
 
 def test_a_short_run_ends_with_a_part_that_is_told_as_it_is() -> None:

@@ -133,7 +133,7 @@ class Boundary:
         """The boundary of a part, its free sides smoothed.
 
         Args:
-            part: From a level set or densities, in one piece.
+            part: From a level set or densities, in one piece, or in pieces that a web joins.
             member: Minimum member [m].
             gap: Minimum gap [m]; by default as the member.
             rim: Width of the rim of material around each hole of the body's drawing [m]; by default
@@ -149,8 +149,8 @@ class Boundary:
                 not fit into the body, or curves cross once they are smoothed.
 
         Warns:
-            PartWarning: Of holes of the design that are left out, as they are smaller than five
-                squares of the minimum member. Holes of the body's drawing never are.
+            PartWarning: Of holes and islands of the design that are left out, as they are smaller
+                than five squares of the minimum member. Holes of the body's drawing never are.
         """
         needed = "a Part, of a body in the plane"
         validation.instance("boundary: part", part, Part, needed)
@@ -168,7 +168,7 @@ class Boundary:
         for line in lines:
             if len(line.normal) != 2:
                 raise ValueError(f"boundary: {line} is a plane; give lines, of two components")
-        if part.pieces != 1 or part.lost_interfaces:
+        if (part.pieces != 1 and not part.web) or part.lost_interfaces:
             raise ValueError(
                 f"boundary: the part has {part.pieces} pieces and has lost the interfaces "
                 f"{part.lost_interfaces}; take a design in one piece that all interfaces hold"
@@ -448,6 +448,11 @@ class Boundary:
         faces = [self._polygon(loops) for _, loops in self.faces]
         if not all(face.is_valid for face in faces):
             return False
+        kinds = [kind for kind, _ in self.faces]
+        designed = [f for f, kind in zip(faces, kinds, strict=True) if kind == "design"]
+        twice = sum(face.area for face in designed) - shapely.union_all(designed).area
+        if twice > _BEYOND * self.member**2:  # an island crosses the edge of its pocket
+            return False
         material = shapely.union_all(faces)
         rims = self.needed.is_empty or material.covers(self.needed)
         return bool(rims and self._limit.covers(material))
@@ -459,12 +464,23 @@ class Boundary:
 
     @property
     def holes(self) -> list[int]:
-        """The numbers of the closed curves."""
+        """The numbers of the closed curves around void, not of those around material."""
+        outer = {loops[0][0].number for _, loops in self.faces if loops[0][0].free}
+        return [key for key in self._closed if key not in outer]
+
+    @property
+    def _closed(self) -> list[int]:
+        """The numbers of the closed curves, of holes and of islands in pockets."""
         return [key for key, curve in self.free.items() if curve.closed]
 
     def without(self, holes: Iterable[int]) -> Boundary:
-        """The boundary without some ``holes``, by the numbers of their curves."""
-        return self._with_holes(holes, [])
+        """The boundary without some ``holes``, by the numbers of their curves.
+
+        Islands in them go, too.
+        """
+        gone = list(holes)
+        filled = shapely.union_all([self.hole(key) for key in gone])
+        return self._with_holes([k for k in self._closed if filled.covers(self.hole(k))], [])
 
     def joined(self, pair: tuple[int, int]) -> Boundary:
         """The boundary with a ``pair`` of holes made one, and their mirror images likewise.
@@ -607,7 +623,8 @@ class Boundary:
             kept = [loop for loop in loops if not _is_hole(loop, left)]
             if n in inside:
                 kept += [(Side(True, beyond + k),) for k in curves]
-            faces.append((group, tuple(kept)))
+            if kept:  # of an island nothing may be left
+                faces.append((group, tuple(kept)))
         free = {k: c for k, c in self.free.items() if k not in left}
         free |= {beyond + k: curve for k, curve in curves.items()}
         own = {k: self.masters[k] for k in free if k in self.masters}
@@ -633,11 +650,11 @@ class Boundary:
         return found
 
     def _below(self, share: float) -> list[int]:
-        """The numbers of holes of less area than so many squares of the minimum member."""
-        return [key for key in self.holes if self.hole(key).area < share * self.member**2]
+        """The numbers of closed curves around less than so many squares of the minimum member."""
+        return [key for key in self._closed if self.hole(key).area < share * self.member**2]
 
     def _without_specks(self) -> Boundary:
-        """Without holes of the design that are too small, which is warned of."""
+        """Without holes and islands of the design that are too small, which is warned of."""
         drawn = _drawn_holes(self.body)
         specks = [key for key in self._below(_SPECK) if not self.hole(key).intersects(drawn)]
         if not specks:
@@ -645,8 +662,8 @@ class Boundary:
         centers = [1e3 * np.mean(self.free[key].control, axis=0) for key in specks]
         near = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in centers)
         warnings.warn(
-            f"boundary: holes of the design near {near} mm are left out: each is smaller than five "
-            "squares of the minimum member",
+            f"boundary: holes or islands of the design near {near} mm are left out: each is "
+            "smaller than five squares of the minimum member",
             PartWarning,
             stacklevel=4,
         )

@@ -183,14 +183,14 @@ class Part(Enclosed):
         self._warn()
 
     def redrawn(self, drawing: Drawing) -> Part:
-        """The part of the same body between the curves of a ``drawing``, one piece in all."""
+        """The part of the same body between the curves of a ``drawing``."""
         made = copy(self)
         for name in ("_moments", "polygon", "thinnest_member", "narrowest_gap", "pockets"):
             made.__dict__.pop(name, None)
         around, names = _around(drawing, drawing.faces, self.accuracy, list(self.body.interfaces))
         made.drawing, made.outlines = drawing, around
         found = replace(self._found, drawing=drawing, outlines=around, interfaces=names)
-        made._found = replace(found, loose=[], deviation=0.0, left_out="")
+        made._found = replace(found, pieces=len(around), loose=[], deviation=0.0, left_out="")
         # the curves are exact; the field that they came from is another one
         made.field = lambda x: 2.0 * shapely.contains_xy(made.polygon, *np.transpose(x)) - 1.0
         return made
@@ -469,7 +469,7 @@ def _find(
     said += _polygonal([sides[i] for piece in stay for i in piece.sides], names)
 
     around, interfaces = _curves_of(sides, stay, accuracy, names)
-    alone = [piece for piece in found if not piece.interfaces]
+    alone = [piece for piece in found if piece not in stay]
     on_field = [sides[i].curve for piece in stay for i in piece.sides if sides[i].field]
     return _Found(
         pieces=len(around),

@@ -108,17 +108,17 @@ def attached(
     """The pieces that touch an interface, what is said of the others, and other warnings.
 
     A ValueError where nothing connects interfaces. The lengths of interfaces [m] in the body and in
-    the pieces are by name, in their order. Where a web has ``joined`` all, no piece is alone.
+    the pieces are by name, in their order. Where a web has ``joined`` all pieces, all stay.
     """
     names = list(lengths)
-    stay = [piece for piece in found if piece.interfaces]
-    if not stay:
+    stay = [piece for piece in found if joined or piece.interfaces]
+    if not any(piece.interfaces for piece in stay):
         raise ShapeError(
             f"part: no piece of the material touches an interface ({', '.join(map(repr, names))}); "
             "is the field positive in the material?"
         )
     left_out, said = "", []
-    if loose := [piece for piece in found if not piece.interfaces]:
+    if loose := [piece for piece in found if piece not in stay]:
         shown = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
         more = ", ..." if len(loose) > 5 else ""
         left_out = (
