@@ -438,7 +438,7 @@ def test_what_cannot_be_moved() -> None:
     )
     with pytest.raises(ValueError, match="boundary: psi of the start is 0, so there is nothing"):
         move_boundary(nothing, boundary, progress=False)
-    with pytest.warns(ffr.PartWarning, match="holes of the design near .* mm are left out"):
+    with pytest.warns(ffr.PartWarning, match="holes or islands .* near .* mm are left out"):
         Boundary.of(part, 9e-3)
 
 

@@ -25,9 +25,11 @@ from ..arrays import Array
 from ..fem import Domain
 from .quasi_static import BodyHistory, StaticBody, Support
 
-#: How often cells are divided; each time the error by quadrature falls to about a quarter
+#: How often cells are divided; each time the error by quadrature falls to about a quarter. For a
+#: rod of 200 x 20 elements a fourth time would raise the bound by 6e-5 of it.
 _DIVISIONS = 3
-#: Deviation from a polynomial, relative to the largest value, that is round-off
+#: Deviation from a polynomial, relative to the largest value, that is round-off of the derivatives
+#: of a displacement: that of a field that is none is larger by orders of magnitude
 _ROUND_OFF = 1e-9
 
 
@@ -38,9 +40,9 @@ class Bernstein:
         self.simplex = cell in ("triangle", "tetrahedron")
         self.degree = degree
         self.dimension = 2 if cell in ("triangle", "quadrilateral") else 3
-        every = product(range(degree + 1), repeat=self.dimension)
+        powers = product(range(degree + 1), repeat=self.dimension)
         #: Exponents of each polynomial, (polynomials, dimension)
-        self.exponents = np.array([k for k in every if not self.simplex or sum(k) <= degree])
+        self.exponents = np.array([k for k in powers if not self.simplex or sum(k) <= degree])
         #: Points at which values determine a polynomial
         self.lattice = self.exponents / degree
         self._from_values = np.linalg.inv(self(self.lattice))
@@ -52,18 +54,18 @@ class Bernstein:
 
     def __call__(self, points: Array) -> Array:
         """Values at ``points`` (points, dimension) of the reference cell, (points, polynomials)."""
-        n, found = self.degree, np.ones((len(points), len(self.exponents)))
+        n, values = self.degree, np.ones((len(points), len(self.exponents)))
         if self.simplex:
             inside = np.column_stack([points, 1.0 - points.sum(axis=1)])
             for column, k in enumerate(self.exponents):
                 powers = (*k, n - sum(k))
                 count = factorial(n) / prod(factorial(int(p)) for p in powers)
-                found[:, column] = count * np.prod(inside**powers, axis=1)
-            return found
+                values[:, column] = count * np.prod(inside**powers, axis=1)
+            return values
         for column, k in enumerate(self.exponents):
             count = prod(comb(n, int(p)) for p in k)
-            found[:, column] = count * np.prod(points**k * (1.0 - points) ** (n - k), axis=1)
-        return found
+            values[:, column] = count * np.prod(points**k * (1.0 - points) ** (n - k), axis=1)
+        return values
 
     def coefficients(self, values: Array) -> Array:
         """From ``values`` at the lattice, shape (cells, polynomials)."""
@@ -75,16 +77,18 @@ class Bernstein:
         if not self.simplex:
             return [(0.5 * np.array(corner), half) for corner in product((0, 1), repeat=d)]
         corners = np.vstack([np.zeros(d), np.eye(d)])
-        parts = [(0.5 * corner, half) for corner in corners]
+        at_corners = [(0.5 * corner, half) for corner in corners]
         # what is left in the middle is a triangle, or an octahedron of four tetrahedra
         if d == 2:
-            return [*parts, (np.array([0.5, 0.5]), -half)]
+            return [*at_corners, (np.array([0.5, 0.5]), -half)]
         a, b, c = 0.5 * np.eye(3)
         axis, around = b, [a, a + b, b + c, c]
         opposite = a + c
-        for first, second in zip(around, [*around[1:], around[0]], strict=True):
-            parts.append((axis, np.array([first - axis, second - axis, opposite - axis])))
-        return parts
+        inner = [
+            (axis, np.array([corner, following, opposite]) - axis)
+            for corner, following in zip(around, [*around[1:], around[0]], strict=True)
+        ]
+        return [*at_corners, *inner]
 
 
 def refuse_curved_cells(domain: Domain) -> None:
@@ -191,6 +195,6 @@ def _negative_part(basis: Bernstein | None, c: Array, sizes: Array) -> float:
         mixed = (c.min(axis=1) < 0.0) & (c.max(axis=1) > 0.0) & (division > 0)
         total += float(sizes[~mixed] @ np.minimum(c[~mixed], 0.0).mean(axis=1))
         if basis and division:
-            c = np.concatenate([c[mixed] @ part.T for part in basis.divided])
+            c = np.concatenate([c[mixed] @ to_divided.T for to_divided in basis.divided])
             sizes = np.tile(sizes[mixed] / len(basis.divided), len(basis.divided))
     return total

@@ -34,10 +34,12 @@ from ..dynamics import (
 )
 from ..mechanism import Mechanism
 
-#: Largest condition of the joints' equations, their rows of unit length, that still holds the rigid
-#: motion: beyond it a machine stands in a singular position, where forces are not determined
-_SINGULAR = 1e10
-#: Share of its mass that a designed body keeps where forces without it are wanted
+#: Largest condition of the joints' equations, their rows of unit length, at which the forces in
+#: them keep six digits: beyond it a machine stands in a singular position
+_SINGULAR = 1e-6 / float(np.finfo(float).eps)
+#: Share of its mass that a designed body keeps where forces without it are wanted, as no body is
+#: without mass and moments of inertia: so much of its own forces is left in them. With 1e-9, and in
+#: the plane with 1e-15, the bound of a rod is the same to six digits.
 _MASSLESS = 1e-12
 
 
@@ -68,11 +70,11 @@ def rigid_motions(dimension: int) -> Array:
     """
     if dimension == 2:
         return np.eye(4)[:, [0, 1, 3]]
-    found = np.zeros((12, 6))
-    found[:3, :3] = np.eye(3)
+    motions = np.zeros((12, 6))
+    motions[:3, :3] = np.eye(3)
     for axis in range(3):  # e_axis x w_0, whose matrix is that of the cross product
-        found[3:, 3 + axis] = np.cross(np.eye(3)[axis], np.eye(3)).T.ravel()
-    return found
+        motions[3:, 3 + axis] = np.cross(np.eye(3)[axis], np.eye(3)).T.ravel()
+    return motions
 
 
 def rigid_trajectory(
@@ -115,20 +117,20 @@ def driven_loads(trajectory: Trajectory, designed: Sequence[str]) -> dict[str, D
     w, forces, rows, carried = (np.array(each) for each in zip(*states, strict=True))
 
     multipliers = -np.einsum("trc,tc->tr", carried, forces[:, rigid])
-    found = {}
+    loads = {}
     for name in designed:
-        at = places[name]
-        probes = rows[:, :, at.elastic]
-        fixed = -forces[:, at.elastic] - np.einsum("trp,tr->tp", probes, multipliers)
+        elastic = places[name].elastic
+        probes = rows[:, :, elastic]
+        fixed = -forces[:, elastic] - np.einsum("trp,tr->tp", probes, multipliers)
         reactions = {}
-        for other in designed:
-            of_rigid = model.coordinates(other).rigid
+        for mover in designed:
+            of_rigid = model.coordinates(mover).rigid
             by_force = np.einsum("trp,trc->tpc", probes, carried[:, :, of_rigid])
-            d, turn = model.dimension, trajectory.rotation(other)
+            d, turn = model.dimension, trajectory.rotation(mover)
             by_force[..., :d] = by_force[..., :d] @ turn  # forces in the axes of the body
-            reactions[other] = by_force
-        found[name] = DrivenLoads(_accelerations(trajectory, w, name), fixed, reactions)
-    return found
+            reactions[mover] = by_force
+        loads[name] = DrivenLoads(_accelerations(trajectory, w, name), fixed, reactions)
+    return loads
 
 
 def _of_rigid_bodies(mechanism: Mechanism, rigid: Mapping[str, VolumeIntegrals]) -> Mechanism:
@@ -181,11 +183,11 @@ def _refuse_singular(model: FlatModel, rows: Array, time: float) -> None:
 def _accelerations(trajectory: Trajectory, w: Array, name: str) -> Array:
     """Factors of the fields of acceleration less gravity of a body, shape (instants, fields)."""
     model = trajectory.model
-    at, d = model.coordinates(name), model.dimension
+    place, d = model.coordinates(name), model.dimension
     gravity = model.arrays.gravity[: trajectory.t.size]
     turn = trajectory.rotation(name)
-    moved = np.einsum("tji,tj->ti", turn, w[:, at.position] - gravity)
-    speed, growth = trajectory.v[:, at.rotation], w[:, at.rotation]
+    moved = np.einsum("tji,tj->ti", turn, w[:, place.position] - gravity)
+    speed, growth = trajectory.v[:, place.rotation], w[:, place.rotation]
     if d == 2:
         return np.column_stack([moved, -(speed**2), growth])
     spins = np.cross(np.eye(3), speed[:, None, :])  # rows of the matrix of the cross product

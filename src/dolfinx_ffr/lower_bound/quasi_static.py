@@ -24,15 +24,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..fem import SIMP, Block, LinearMass
+from ..fem import PLATE, Block
 from ..objective import IntegralCompliance, time_weights
 from ..problem import Evaluation, Problem
 from ..reduction import FlexibleBody
 from .driven_loads import DrivenLoads, driven_loads, rigid_motions, rigid_trajectory
 
-#: Stiffness of void relative to the solid in sheets, whose densities stay far above it
-_VOID = 1e-9
-#: Parts of a history whose energy is less than this share of the largest are round-off
+#: Parts of a history whose energy is less than this share of the largest are round-off: with 1e-15
+#: to 1e-7 the bound of a rod is the same to six digits
 _RANK = 1e-13
 
 
@@ -68,23 +67,22 @@ class StaticBody:
     @staticmethod
     def sheet(body: FlexibleBody) -> StaticBody:
         """The ``body`` with stiffness and mass proportional to its density."""
-        law = SIMP(exponent=1.0, floor=_VOID, mass=LinearMass())
         # a frame that retains no motion of an interface needs one mode, which is not looked at
         modes = 0 if body.reduction.n_constraint else 1
-        return StaticBody(body.with_interpolation(law).with_modes(modes))
+        return StaticBody(body.with_interpolation(PLATE).with_modes(modes))
 
     def respond(self, density: Array) -> UnitResponse:
         """What unit loads do at a ``density``, shape (cells,); collective."""
         body, d = self.body, self.body.domain.dimension
         reduced = body.reduce(density)
         factored = body.factored(reduced)
-        of, clamped = body.elasticity, body.reduction.clamped
-        inertia = of.apply(factored.matrices.mass, self.fields)
+        elasticity, clamped = body.elasticity, body.reduction.clamped
+        inertia = elasticity.apply(factored.matrices.mass, self.fields)
         constraint = reduced.basis.constraint
-        inside, projected = [-inertia], [-of.inner(constraint, inertia)]
+        inside, projected = [-inertia], [-elasticity.inner(constraint, inertia)]
         for name, marker in reduced.integrals.markers.items():
-            at = np.vstack([marker.displacement, np.atleast_2d(marker.rotation)])
-            projected.append(at[:, : constraint.shape[1]].T)
+            shapes = np.vstack([marker.displacement, np.atleast_2d(marker.rotation)])
+            projected.append(shapes[:, : constraint.shape[1]].T)
             units = np.eye(3 * d - 3)
             if name in body.markers:
                 inside.append(body.markers[name].pullback(units[:d], units[d:]))
@@ -95,8 +93,8 @@ class StaticBody:
         static = factored.solve(loads)
         stiffness = reduced.integrals.K[: len(on_constraint), : len(on_constraint)]
         motion = np.linalg.solve(stiffness, on_constraint)
-        work = of.inner(loads, static) + on_constraint.T @ motion
-        resultants = of.inner(self.fields, inertia) @ self.rigid
+        work = elasticity.inner(loads, static) + on_constraint.T @ motion
+        resultants = elasticity.inner(self.fields, inertia) @ self.rigid
         return UnitResponse(static + constraint @ motion, 0.5 * (work + work.T), resultants)
 
 
@@ -139,9 +137,9 @@ class Driven:
         objective = case.objective
         assert isinstance(objective, IntegralCompliance)
         counted = bodies if objective.bodies is None else objective.bodies
-        own = objective.weights or {}
+        of_bodies = objective.weights or {}
         #: Weights of the compliance of designed bodies
-        self.weights = {n: float(own.get(n, 1.0)) * (n in counted) for n in problem.flexible}
+        self.weights = {n: float(of_bodies.get(n, 1.0)) * (n in counted) for n in problem.flexible}
         trajectory = rigid_trajectory(case.mechanism, bodies, case.method)
         self.loads: dict[str, DrivenLoads] = driven_loads(trajectory, list(problem.flexible))
         self.time_weights = time_weights(trajectory)
@@ -185,13 +183,13 @@ class QuasiStatic:
     @cached_property
     def psi(self) -> dict[str, float]:
         """Integral compliance by load case."""
-        found = {}
+        compliances = {}
         for label, case in self.cases.items():
-            found[label] = 0.0
+            compliances[label] = 0.0
             for name, factors in self.histories[label].items():
                 compliance = np.sum(factors @ self.responses[name].work * factors, axis=1)
-                found[label] += case.weights[name] * float(case.time_weights @ compliance)
-        return found
+                compliances[label] += case.weights[name] * float(case.time_weights @ compliance)
+        return compliances
 
     def support(self, weights: Mapping[str, float]) -> Support:
         """The bound that touches psi here, of the load cases with ``weights``; collective."""
@@ -203,7 +201,7 @@ class QuasiStatic:
                 markers = self.responses[name].work[:, len(self.bodies[name].rigid) :]
                 at_markers[label, name] = weighted[label, name] @ markers
                 constant += 2.0 * float(np.sum(case.loads[name].forces * at_markers[label, name]))
-        found = {}
+        histories = {}
         for name, body in self.bodies.items():
             response = self.responses[name]
             squares, by_loads, by_motions = np.zeros(()), np.zeros(()), np.zeros(())
@@ -223,8 +221,8 @@ class QuasiStatic:
             per_unit = np.divide(1.0, unit, out=np.zeros_like(unit), where=unit > 0.0)
             roots = per_unit[:, None] * vectors[:, large] * np.sqrt(values[large])
             moved = response.displacements @ by_loads.T - body.fields @ body.rigid @ by_motions.T
-            found[name] = self._history(name, moved, response.displacements @ roots)
-        return Support(dict(weights), constant, found)
+            histories[name] = self._history(name, moved, response.displacements @ roots)
+        return Support(dict(weights), constant, histories)
 
     def _history(self, name: str, loads: Block, strains: Block) -> BodyHistory:
         """The history of a body with its integrals over cells; collective."""
@@ -232,5 +230,5 @@ class QuasiStatic:
         none = np.zeros((len(fields), 0))
         gradient = self.bodies[name].body.elasticity.density_gradient
         by_mass = gradient(x, fields, -2.0 * loads, none, none)
-        energy = gradient(x, none, none, strains, strains) / (1.0 - _VOID)
+        energy = gradient(x, none, none, strains, strains) / (1.0 - PLATE.floor)
         return BodyHistory(loads, strains, by_mass, -energy)

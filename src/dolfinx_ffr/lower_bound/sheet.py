@@ -22,12 +22,14 @@ from ..objective import Combination
 from .certificate import least_over_cells, room_of
 from .quasi_static import BodyHistory, Driven, QuasiStatic, StaticBody, Support
 
-#: Least density of a designed cell while a sheet is sought, so that nothing of it falls apart
+#: Least density of a designed cell while a sheet is sought, so that nothing of it falls apart: ten
+#: times as much, or a tenth, changes the bound of a rod by 1e-5 of it
 LEAST = 1e-3
+#: Logarithm of the largest multiplier over the least, which is round-off beside it, and bisections
+#: of this range, after which the multiplier has thirteen digits
+_RANGE, _BISECTIONS = 60.0, 50
 #: Time after which the progress of a search is shown [s]
 _QUIET = 3.0
-#: Bisections for a multiplier, which halve the logarithm of its range
-_BISECTIONS = 60
 #: Shortest step, as a share of the full one: below it round-off decides
 _SHORTEST = 1.0 / 64.0
 
@@ -101,7 +103,7 @@ def stepped(domain: Domain, x: Array, history: BodyHistory, share: float | None)
     if filled(y) <= room:
         return y
     largest = max(domain.everywhere(e + np.abs(m))) / LEAST**2
-    low, high = np.log(largest) - 60.0, np.log(largest)
+    low, high = np.log(largest) - _RANGE, np.log(largest)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if filled(at(np.exp(middle))) > room else (low, middle)
@@ -119,12 +121,12 @@ def _downhill(
     state: QuasiStatic, target: Mapping[str, Array], weights: Mapping[str, float]
 ) -> tuple[QuasiStatic, bool]:
     """The state on the way to the ``target`` densities where psi is less, and whether it is."""
-    before = _weighted(state.psi, weights)
+    start = _weighted(state.psi, weights)
     share = 1.0
     while share >= _SHORTEST:
         x = {n: y + share * (target[n] - y) for n, y in state.densities.items()}
         trial = QuasiStatic.at(state.bodies, state.cases, x)
-        if _weighted(trial.psi, weights) < before:
+        if _weighted(trial.psi, weights) < start:
             return trial, True
         share *= 0.5
     return state, False

@@ -24,7 +24,8 @@ the body other than interfaces are not corrected.
 strain, s = 0 by default: the stress in the solid part of the material. s = p - q > 0 is the
 relaxation of the stress constraint of the qp approach, with p the exponent of SIMP (M. Bruggi,
 Structural and Multidisciplinary Optimization 36 (2008), doi:10.1007/s00158-007-0203-6); s = 1/2 is
-that of C. Le et al., ibid. 41 (2010), doi:10.1007/s00158-009-0440-y. Void has no stress.
+that of C. Le et al., ibid. 41 (2010), doi:10.1007/s00158-009-0440-y. Void has no stress. The web
+of a pocket has that of the solid.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from .. import validation
 from ..arrays import Array, Integers, Mask
 from ..documentation import Shown
 from ..dynamics import Trajectory
-from ..fem import Domain
+from ..fem import PLATE, Domain
 from ..objective import stress_coordinates, von_mises_root
 from ..parallel import gathered, on_every_rank
 from ..problem import Evaluation
@@ -282,8 +283,10 @@ def _scaled(
     validation.flag("stress: correction", correction)
     validation.number("stress: relaxation", relaxation, least=0.0)
     validation.number("stress: void", void, least=0.0, most=1.0)
-    # a mesh that fits a part has cells of its material alone, and webs thinner than a void
-    least = void if body.domain.whole is None else 0.0
+    # a mesh that fits a part has cells of its material alone, and the density of a milled plate
+    # is its thickness: a web is thinner than what is void elsewhere, and bears stress
+    material_alone = body.domain.whole is not None or body.interpolation == PLATE
+    least = 0.0 if material_alone else void
     stress, solid = BodyStress(body, reduced), reduced.density >= least
     scale = np.where(solid, reduced.density**relaxation, 0.0)[:, None]
     if validation.number("stress: clear", clear, least=0.0, unit="m") > 0.0:
