@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 import json
 import re
 import sys
@@ -188,11 +187,6 @@ def test_integrals_from_another_program() -> None:
     # the body's frequencies are those of the program's matrices
     squares = np.diag(Phi.T @ (names["K"] @ Phi)) / np.diag(Phi.T @ (M @ Phi))
     np.testing.assert_allclose(np.diag(body.K) / np.diag(body.G)[1:], squares, rtol=1e-12)
-
-
-def test_the_joint_of_the_guide_is_the_class() -> None:
-    shown = dict(programs(TOP / "CONTRIBUTING.md"))["Add a joint"]
-    assert shown == inspect.getsource(ffr.LinearDrive)
 
 
 def test_columns_and_sign_of_multipliers() -> None:
