@@ -6,9 +6,10 @@ from __future__ import annotations
 from .field import BoundaryField as BoundaryField
 from .field import FieldSpace as FieldSpace
 from .fitted import FittedNodes as FittedNodes
+from .operations import best_hole as best_hole
+from .operations import best_member as best_member
 from .operations import cut as cut
-from .operations import dear_or_idle as dear_or_idle
-from .operations import missing_members as missing_members
+from .operations import most_idle as most_idle
 from .operations import small_voids as small_voids
 from .operations import united as united
 from .options import FieldOptions as FieldOptions

@@ -61,8 +61,7 @@ def small_voids(field: BoundaryField) -> shapely.Geometry | None:
     """All holes that are so small that they may be worth nothing; None if there are none."""
     space, options = field.space, field.space.options
     largest = options.small_void * space.member**2
-    polygons = shapely.get_parts(field.part.polygon)
-    holes = [shapely.Polygon(ring) for polygon in polygons for ring in polygon.interiors]
+    holes = [shapely.Polygon(ring) for ring in field.material.interiors]
     drawn = shapely.MultiPolygon(space.drawn_holes)
     small = [hole for hole in holes if hole.area < largest and not hole.intersects(drawn)]
     return shapely.union_all(small).buffer(space.grid.spacing) if small else None
@@ -71,7 +70,7 @@ def small_voids(field: BoundaryField) -> shapely.Geometry | None:
 def thin_members(field: BoundaryField) -> list[shapely.Geometry]:
     """The members between wider material, each with its mirror images."""
     space, options = field.space, field.space.options
-    material = field.part.polygon
+    material = field.material
     radius = options.opened * space.member
     wide = material.buffer(-radius).buffer(1.01 * radius)
     pieces = shapely.get_parts(material.difference(wide).intersection(space.designed))
@@ -84,55 +83,57 @@ def thin_members(field: BoundaryField) -> list[shapely.Geometry]:
     return members
 
 
-def dear_or_idle(
-    field: BoundaryField, places: Array, costs: Array, struts: Struts | None
-) -> list[shapely.Geometry]:
-    """The thin members that cost more than they carry, first, those most promising first.
+def most_idle(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
+    """The thin member that carries least, if that is next to nothing; None otherwise; collective.
 
-    The ``costs`` of minimum widths at their ``places`` (rows, 2), and what cells carry, are shares
-    of psi.
+    What cells carry are shares of psi.
     """
-    options = field.space.options
-    carried = centers = None
-    if struts is not None:
-        carried = struts.domain.everywhere(struts.carried)
-        centers = struts.domain.everywhere(struts.domain.centroids)
-    gains = []
+    carried = struts.domain.everywhere(struts.carried)
+    x, y = struts.domain.everywhere(struts.domain.centroids)[:, :2].T
+    least, idle = field.space.options.idle, None
     for member in thin_members(field):
         shapely.prepare(member)
-        cost = float(np.sum(costs[shapely.contains_xy(member, *places.T)]))
-        share = np.inf
-        if carried is not None and centers is not None:
-            share = float(np.sum(carried[shapely.contains_xy(member, *centers[:, :2].T)]))
-        if share < options.idle or cost > options.cut_cost:
-            gains.append((cost - min(share, 1.0), member))
-    gains.sort(key=lambda gain: -gain[0])
-    return [member for _, member in gains[: options.tried]]
+        share = float(np.sum(carried[shapely.contains_xy(member, x, y)]))
+        if share < least:
+            least, idle = share, member
+    return idle
 
 
-def missing_members(field: BoundaryField, struts: Struts) -> list[shapely.Geometry]:
-    """Straight members across holes that promise most, the best first; collective."""
+def best_hole(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
+    """The round hole that promises most, with members around it; None if none is worth a trial.
+
+    What it changes follows from the topological derivative in the cell of its center; collective.
+    """
+    space = field.space
+    domain = struts.domain
+    change = domain.everywhere(struts.removed / domain.cell_volumes)
+    places = domain.everywhere(domain.centroids)[:, :2]
+    free = space.designed.intersection(field.material)
+    room = shapely.distance(free.boundary, shapely.points(places)) - space.member
+    fits = shapely.contains_xy(free, *places.T) & (room > max(0.5 * space.gap, space.radius))
+    gains = np.where(fits, -np.pi * room**2 * change, 0.0)
+    best = int(np.argmax(gains)) if len(gains) else -1
+    if best < 0 or gains[best] < space.options.promised:
+        return None
+    return with_images(space, shapely.Point(places[best]).buffer(room[best]))
+
+
+def best_member(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
+    """The straight member across a hole that promises most; None if none is worth a trial."""
     space, options = field.space, field.space.options
     points, ends = _across_holes(field)
     if not len(ends):
-        return []
+        return None
     gains = -struts.changes(points, ends, space.member)
-    order = np.argsort(-gains, kind="stable")
-    order = order[gains[order] > max(options.promised, 0.3 * gains[order[0]])]
-    half, round_off = 0.5 * options.bar * space.member, max(1.5 * space.radius, 0.5 * space.gap)
-    material = field.part.polygon
-    members: list[shapely.Geometry] = []
-    for number in order:
-        line = shapely.LineString(points[ends[number]])
-        apart = 0.5 * line.length
-        if all(line.distance(member) > apart for member in members):
-            bar = with_images(space, line.buffer(half))
-            # the corners beside its ends are rounded, so that few sizes are to be mended
-            whole = material.union(bar).buffer(round_off).buffer(-round_off)
-            members.append(whole.intersection(bar.buffer(4.0 * round_off)))
-        if len(members) == options.tried:
-            break
-    return members
+    best = int(np.argmax(gains))
+    if gains[best] < options.promised:
+        return None
+    bar = shapely.LineString(points[ends[best]]).buffer(0.5 * options.bar * space.member)
+    bar = with_images(space, bar)
+    # the corners beside its ends are rounded, so that few sizes are to be mended
+    round_ = max(1.5 * space.radius, 0.5 * space.gap)
+    whole = field.material.union(bar).buffer(round_).buffer(-round_)
+    return whole.intersection(bar.buffer(4.0 * round_))
 
 
 def _across_holes(field: BoundaryField) -> tuple[Array, Integers]:
@@ -140,24 +141,22 @@ def _across_holes(field: BoundaryField) -> tuple[Array, Integers]:
     member, edge = field.space.member, field.edge
     step = max(1, int(1.5 / field.space.options.sample))
     points, pairs, count = [], [], 0
-    for polygon in shapely.get_parts(field.part.polygon):
-        for ring in polygon.interiors:
-            hole = shapely.Polygon(ring)
-            near = hole.buffer(0.1 * member)
-            shapely.prepare(near)
-            on = np.flatnonzero(shapely.contains_xy(near, *edge.points.T))[::step]
-            x, normals = edge.points[on], edge.normals[on]
-            i, j = np.triu_indices(len(x), 1)
-            way = x[j] - x[i]
-            length = np.linalg.norm(way, axis=1)
-            facing = np.einsum("ij,ij->i", way, normals[i]) > 0.3 * length
-            facing &= np.einsum("ij,ij->i", way, normals[j]) < -0.3 * length
-            facing &= length > 3.0 * member
-            i, j = i[facing], j[facing]
-            clear = shapely.covers(near, shapely.linestrings(np.stack([x[i], x[j]], axis=1)))
-            pairs.append(np.column_stack([i[clear], j[clear]]) + count)
-            points.append(x)
-            count += len(x)
+    for ring in field.material.interiors:
+        near = shapely.Polygon(ring).buffer(0.1 * member)
+        shapely.prepare(near)
+        on = np.flatnonzero(shapely.contains_xy(near, *edge.points.T))[::step]
+        x, normals = edge.points[on], edge.normals[on]
+        i, j = np.triu_indices(len(x), 1)
+        way = x[j] - x[i]
+        length = np.linalg.norm(way, axis=1)
+        facing = np.einsum("ij,ij->i", way, normals[i]) > 0.3 * length
+        facing &= np.einsum("ij,ij->i", way, normals[j]) < -0.3 * length
+        facing &= length > 3.0 * member
+        i, j = i[facing], j[facing]
+        clear = shapely.covers(near, shapely.linestrings(np.stack([x[i], x[j]], axis=1)))
+        pairs.append(np.column_stack([i[clear], j[clear]]) + count)
+        points.append(x)
+        count += len(x)
     if not points:
         return np.zeros((0, 2)), np.zeros((0, 2), dtype=np.int64)
     return np.vstack(points), np.vstack(pairs)

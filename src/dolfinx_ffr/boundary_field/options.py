@@ -37,26 +37,19 @@ class FieldOptions:
     # the step
     smooth: float = 5.0  #: Length over which a step is smooth along the boundary
     bulk: float = 1.0  #: Weight of the field's bulk in the metric
-    first_reach: float = 0.9  #: Longest motion of the first step
-    longest_reach: float = 0.95  #: Longest motion of any step
+    longest_reach: float = 0.95  #: Longest motion of any step, and of the first one
     longer: float = 1.2  #: Factor of the reach after a better step
-    shorter: float = 0.7  #: Factor of the reach after a step that is accepted, but no better
-    taken_back: float = 0.5  #: Factor of the reach after a step that is taken back
+    shorter: float = 0.5  #: Factor of the reach after a step that is no better
     shortest: float = 2e-3  #: Reach that ends the steps
-    noise: float = 1e-3  #: Rise of log psi that another mesh alone may cause
-    size_weight: float = 0.05  #: Of the largest violation of a size in the merit
+    noise: float = 1e-3  #: Change of log psi that another mesh alone may cause
     bound_weight: float = 1.5  #: Of the largest violation of a constraint, at least
     secants: int = 8  #: Steps that tell the curvature
     curvature_share: float = 1e-2  #: Of the largest curvature, from which on one is told
 
     # the topology
-    topology_every: int = 5  #: Steps from one change of the topology to the next
+    topology_every: int = 5  #: Steps from one look at the topology to the next, at first
     opened: float = 0.75  #: Half of it is the radius of discs that thin members do not hold
     small_void: float = 6.0  #: Area of voids that are filled on trial, in squared members
-    cut_cost: float = 0.01  #: Share of psi that a member's minimum widths cost to be cut on trial
     idle: float = 2e-3  #: Share of psi that a member carries at most to be cut on trial
-    promised: float = 0.01  #: Fall of log psi that a new member must promise to be tried
-    tried: int = 3  #: Members that are tried at once
+    promised: float = 0.01  #: Fall of log psi that a new member or hole must promise to be tried
     bar: float = 1.1  #: Width of members that are inserted
-    worth: float = 1e-3  #: Fall of log psi that a new member must bring
-    gone: float = 5e-4  #: Rise of log psi that a cut or a filled void may bring

@@ -57,9 +57,10 @@ class FieldSteps:
         self.trial = replace(self.trial, logarithm=logarithm)
         self.best = self.trial
         member = min(field_.space.member for field_ in self.trial.fields.values())
-        self._member, self._reach = member, options.first_reach * member
+        self._member, self._reach = member, options.longest_reach * member
         self._bound_weight, self._weight = options.bound_weight, None
         self._secants = Secants()
+        self._next_look, self._pause = 0, options.topology_every
         self._note(0.0, 0)
 
     def __iter__(self) -> Iterator[FieldTrial]:
@@ -72,9 +73,14 @@ class FieldSteps:
         options, before = self.problem.options, self.trial
         gradients = self.problem.gradients(before)
         smooth, projection = self._projection(before, gradients)
-        if len(self.history) % options.topology_every == 1:
+        if len(self.history) > self._next_look:
             costs = self._costs(projection, gradients)
-            self.trial = with_better_topology(self.problem, before, gradients.evaluation, costs)
+            self.trial = with_better_topology(
+                self.problem, before, gradients.evaluation, costs, self._bound_weight
+            )
+            # what was in vain is not tried again soon
+            self._pause = options.topology_every if self.trial is not before else 2 * self._pause
+            self._next_look += self._pause
             if self.trial is not before:
                 before.release()
                 before, self._secants = self.trial, Secants()
@@ -138,7 +144,7 @@ class FieldSteps:
                 after = None
             if after is not None and self._merit(after) <= self._merit(before) + options.noise:
                 return after, step, rejected
-            self._reach *= options.taken_back
+            self._reach *= options.shorter
             if self._reach < options.shortest * self._member:
                 break
         return None, None, 0
@@ -165,7 +171,7 @@ class FieldSteps:
         self.problem, self.trial = problem, trial
 
     def _merit(self, trial: FieldTrial) -> float:
-        return trial.merit(self._bound_weight, self.problem.options.size_weight)
+        return trial.merit(self._bound_weight)
 
     def _rank(self, trial: FieldTrial) -> tuple[bool, float]:
         return not trial.feasible, self._merit(trial)

@@ -7,14 +7,17 @@ small voids are filled. The adjoint fields choose what is tried, and a value dec
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+
+import shapely
 
 from ..arrays import Array
 from ..boundary_field import (
     BoundaryField,
+    best_hole,
+    best_member,
     cut,
-    dear_or_idle,
-    missing_members,
+    most_idle,
     small_voids,
     united,
 )
@@ -25,85 +28,70 @@ from .trial_failed import TrialFailed, shaping
 
 #: Least share of psi that a body's stiffness carries: else members are no springs that count
 _STIFF = 0.1
-#: Members that are inserted, and rounds in which things go, at one time
+#: Changes of one kind at one time
 _MOST = 8
 
-Change = Callable[[], BoundaryField]
+Operation = Callable[[BoundaryField, shapely.Geometry], BoundaryField]
 
 
 def with_better_topology(
-    problem: FieldProblem, trial: FieldTrial, evaluation: Evaluation, costs: Array
+    problem: FieldProblem, trial: FieldTrial, evaluation: Evaluation, costs: Array, weight: float
 ) -> FieldTrial:
-    """The trial with members that lower psi, without what is not worth its making; collective.
+    """The trial with members and holes that lower psi, without what is idle; collective.
+
+    Of each kind the most promising change is tried, and the next one if that was better.
 
     Args:
         problem: What is lowered.
         trial: Where the steps are.
         evaluation: Of the trial, with derivatives by the integrals of the bodies.
         costs: What all constraints cost, sizes first and others last, as shares of psi.
+        weight: Of the largest violation of constraints and volumes in the merit.
     """
     options = problem.options
-    struts = _struts(trial, evaluation, costs)
-    for name, own in struts.items():
-        for _ in range(_MOST):
-            better = _first_better(problem, trial, name, _joins(trial, name, own), options.worth)
-            if better is None:
-                break
-            trial = better
-            evaluation = trial.problem.differentiate(trial.evaluation, densities=False)
-            own = _struts(trial, evaluation, costs[:0])[name]
-    for name in trial.fields:
-        for _ in range(_MOST):
-            # costs are those of the rows of the first trial, whose places stay
-            changes = _cuts(trial, name, costs, struts.get(name))
-            better = _first_better(problem, trial, name, changes, -options.gone)
-            if better is None:
-                break
-            trial, costs = better, costs[:0]
+    own = _struts(trial, evaluation, costs)
+    kinds: list[tuple[Callable[[BoundaryField, Struts], shapely.Geometry | None], Operation, float]]
+    kinds = [
+        (best_member, united, -options.noise),
+        (best_hole, cut, -options.noise),
+        (most_idle, cut, options.noise),
+        (lambda field, _: small_voids(field), united, options.noise),
+    ]
+    for name in tuple(own):
+        for promising, operation, rise in kinds:
+            for _ in range(_MOST):
+                shape = promising(trial.fields[name], own[name]) if name in own else None
+                if shape is None:
+                    break
+                better = _better(problem, trial, name, operation, shape, weight, rise)
+                if better is None:
+                    break
+                trial = better
+                evaluation = trial.problem.differentiate(trial.evaluation, densities=False)
+                own = _struts(trial, evaluation, costs)
     return trial
 
 
-def _joins(trial: FieldTrial, name: str, struts: Struts) -> Iterator[Change]:
-    field = trial.fields[name]
-    for shape in missing_members(field, struts):
-        yield lambda shape=shape: united(field, shape)  # type: ignore[misc]
-
-
-def _cuts(trial: FieldTrial, name: str, costs: Array, struts: Struts | None) -> Iterator[Change]:
-    field, rows = trial.fields[name], trial.rows[name]
-    first = 0
-    for other in trial.fields:
-        if other == name:
-            break
-        first += len(trial.rows[other].values)
-    own = costs[first : first + rows.members]
-    places = rows.places[: len(own)]
-    for shape in dear_or_idle(field, places, own, struts):
-        yield lambda shape=shape: cut(field, shape)  # type: ignore[misc]
-    voids = small_voids(field)
-    if voids is not None:
-        yield lambda: united(field, voids)
-
-
-def _first_better(
+def _better(
     problem: FieldProblem,
     trial: FieldTrial,
     name: str,
-    changes: Iterator[Change],
-    worth: float,
+    operation: Operation,
+    shape: shapely.Geometry,
+    weight: float,
+    rise: float,
 ) -> FieldTrial | None:
-    """The first change of a body by which the merit falls by what it must, None if none does."""
-    weight = problem.options.bound_weight
-    for change in changes:
-        try:
-            with shaping():
-                changed = change()
-            other = problem.trial({**trial.fields, name: changed})
-        except TrialFailed:
-            continue
-        if other.merit(weight, 0.0) < trial.merit(weight, 0.0) - worth:
-            return other
-        other.release()
+    """The trial after an operation on a body if its merit rises by less, None otherwise."""
+    try:
+        with shaping():
+            changed = operation(trial.fields[name], shape)
+        other = problem.trial({**trial.fields, name: changed})
+    except TrialFailed:
+        return None
+    # sizes are mended by the steps that follow
+    if other.merit(weight) < trial.merit(weight) + rise:
+        return other
+    other.release()
     return None
 
 

@@ -47,10 +47,9 @@ class FieldTrial:
         """Largest violation of a constraint or a volume, at least zero."""
         return max(0.0, *self.violations.values()) if self.violations else 0.0
 
-    def merit(self, bound_weight: float, size_weight: float) -> float:
-        """Logarithm of psi with the weighted largest violations."""
-        psi = self.logarithm.value(self.evaluation.psi)
-        return psi + bound_weight * self.violation + size_weight * self.size_violation
+    def merit(self, bound_weight: float) -> float:
+        """Logarithm of psi with the weighted largest violation of a constraint or a volume."""
+        return self.logarithm.value(self.evaluation.psi) + bound_weight * self.violation
 
     @property
     def feasible(self) -> bool:
