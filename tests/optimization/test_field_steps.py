@@ -13,6 +13,7 @@ from shared.problems import slider_crank
 from dolfinx_ffr.boundary_field import FieldOptions, FieldSpace, mended, redistanced
 from dolfinx_ffr.design import Mirror
 from dolfinx_ffr.optimization.field_steps import FieldSteps
+from dolfinx_ffr.optimization.field_topology import with_better_topology
 from dolfinx_ffr.optimization.field_trial import FieldProblem
 
 MEMBER, MOST = 6e-3, 0.85
@@ -53,7 +54,8 @@ def test_a_trial_that_falls_apart_is_taken_back(monkeypatch: pytest.MonkeyPatch)
     space = FieldSpace.of(domain, MEMBER, MEMBER)
     gap = shapely.box(0.15, -0.03, 0.25, 0.007)
     field = redistanced(space.of_material(domain.outline.difference(gap)))
-    own = FieldProblem(problem, {}, {}, FieldOptions())
+    # nothing promises so much that the topology changes
+    own = FieldProblem(problem, {}, {}, FieldOptions(promised=np.inf, idle=-np.inf))
     steps = FieldSteps(own, own.trial({"rod": field}), mode_tolerance=None)
     before = steps.trial.evaluation.psi
     calls = []
@@ -70,3 +72,16 @@ def test_a_trial_that_falls_apart_is_taken_back(monkeypatch: pytest.MonkeyPatch)
     next(steps)
     assert steps.history[-1]["rejected"] == 1.0 and len(calls) == 2
     assert steps.trial.evaluation.psi < before
+
+
+def test_a_full_rod_is_pierced_where_psi_falls_by_a_hole() -> None:
+    problem = slider_crank(MPI.COMM_SELF, (40, 4), steps=100)
+    domain = problem.flexible["rod"].domain
+    space = FieldSpace.of(domain, MEMBER, MEMBER, mirrors=[Mirror((0.2, 0.0), (0.0, 1.0))])
+    own = FieldProblem(problem, {}, {}, FieldOptions())
+    full = own.trial({"rod": space.of_material(domain.outline)})
+    assert full.fields["rod"].part.holes == 0
+    evaluation = full.problem.differentiate(full.evaluation, densities=False)
+    pierced = with_better_topology(own, full, evaluation, np.zeros(0), 1.5)
+    assert pierced.fields["rod"].part.holes > 0
+    assert pierced.evaluation.psi < 0.99 * full.evaluation.psi

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers
 from ..reduction import Struts
@@ -102,20 +103,23 @@ def most_idle(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
 def best_hole(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
     """The round hole that promises most, with members around it; None if none is worth a trial.
 
-    What it changes follows from the topological derivative in the cell of its center; collective.
+    What it changes is the sum of the topological derivatives of its cells; collective.
     """
-    space = field.space
-    domain = struts.domain
-    change = domain.everywhere(struts.removed / domain.cell_volumes)
+    space, domain = field.space, struts.domain
+    change = domain.everywhere(struts.removed)
     places = domain.everywhere(domain.centroids)[:, :2]
     free = space.designed.intersection(field.material)
     room = shapely.distance(free.boundary, shapely.points(places)) - space.member
-    fits = shapely.contains_xy(free, *places.T) & (room > max(0.5 * space.gap, space.radius))
-    gains = np.where(fits, -np.pi * room**2 * change, 0.0)
-    best = int(np.argmax(gains)) if len(gains) else -1
-    if best < 0 or gains[best] < space.options.promised:
-        return None
-    return with_images(space, shapely.Point(places[best]).buffer(room[best]))
+    room[~shapely.contains_xy(free, *places.T)] = -1.0
+    tree, radius = cKDTree(places), max(space.gap, space.member)
+    promised, best = space.options.promised, None
+    while np.any(fits := room >= radius):
+        gains = [-np.sum(change[near]) for near in tree.query_ball_point(places[fits], radius)]
+        if max(gains) > promised:
+            promised = max(gains)
+            best = shapely.Point(places[fits][np.argmax(gains)]).buffer(radius)
+        radius *= np.sqrt(2.0)
+    return None if best is None else with_images(space, best)
 
 
 def best_member(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
