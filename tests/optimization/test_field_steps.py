@@ -51,11 +51,12 @@ def test_a_trial_that_falls_apart_is_taken_back(monkeypatch: pytest.MonkeyPatch)
     """Reach is halved until the part holds together."""
     problem = slider_crank(MPI.COMM_SELF, (40, 4), steps=100)
     domain = problem.flexible["rod"].domain
-    space = FieldSpace.of(domain, MEMBER, MEMBER)
+    # nothing promises so much that the topology changes
+    options = FieldOptions(promised=np.inf, idle=-np.inf)
+    space = FieldSpace.of(domain, MEMBER, MEMBER, options=options)
     gap = shapely.box(0.15, -0.03, 0.25, 0.007)
     field = redistanced(space.of_material(domain.outline.difference(gap)))
-    # nothing promises so much that the topology changes
-    own = FieldProblem(problem, {}, {}, FieldOptions(promised=np.inf, idle=-np.inf))
+    own = FieldProblem(problem, {}, {}, options)
     steps = FieldSteps(own, own.trial({"rod": field}), mode_tolerance=None)
     before = steps.trial.evaluation.psi
     calls = []
