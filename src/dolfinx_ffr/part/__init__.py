@@ -7,6 +7,9 @@ from .asked_sizes import PartViolation as PartViolation
 from .asked_sizes import size_violations as size_violations
 from .asked_sizes import solid_regions as solid_regions
 from .ball_widths import OPPOSITE, Balls, spread, tangent_balls
+from .enclosed import Enclosed as Enclosed
+from .enclosed import LoosePieceWarning as LoosePieceWarning
+from .enclosed import PartWarning as PartWarning
 from .figures import BodyFigures as BodyFigures
 from .figures import Figures as Figures
 from .outline_limit import outline_violations as outline_violations
@@ -16,9 +19,6 @@ from .part import Part as Part
 from .solid import Cavity
 from .solid import Solid as Solid
 from .tetrahedral_cut import outer_faces
-from .verify import Enclosed as Enclosed
-from .verify import LoosePieceWarning as LoosePieceWarning
-from .verify import PartWarning as PartWarning
 from .verify import Verification as Verification
 from .verify import verify as verify
 from .widths import Width as Width

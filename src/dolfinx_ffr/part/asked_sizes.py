@@ -14,9 +14,9 @@ import numpy as np
 import shapely
 
 from ..fem import enclosed, polygon
+from .enclosed import Enclosed
 from .part import Part
 from .solid import Solid
-from .verify import Enclosed
 from .widths import Width, narrowest_gap
 
 #: Share of a minimum by which a size may be below it; of a solid, whose surface is known by samples

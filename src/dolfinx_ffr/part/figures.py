@@ -18,16 +18,21 @@ class BodyFigures:
     mass: float  #: [kg]
     volume: float  #: Material, as a share of the area of the body that was designed
     frequencies: Array  #: With all interfaces fixed [Hz]
-    #: Largest von Mises stress over the trajectory [Pa]; None without one and before finer meshes
-    stress: float | None
-    place: Array | None  #: Where it is, in the mesh (dimension,) [m]
+    #: Largest von Mises stress over the trajectory [Pa]; None without a trajectory, and of meshes
+    #: that are followed by a finer one
+    stress: float | None = None
+    place: Array | None = None  #: Where it is, in the mesh (dimension,) [m]
 
-    def told_by(self, body: FlexibleBody, before: FlexibleBody) -> bool:
-        """Whether a full ``body`` on a new mesh is the one ``before``, of which they are."""
-        one, two = body.domain, before.domain
-        same = self.cells == one.n_cells_global and one.order == two.order
-        full = self.volume * (two.whole or two).area
-        return same and body.modes == before.modes and math.isclose(full, one.area, rel_tol=1e-10)
+    def is_of(self, body: FlexibleBody, design: FlexibleBody) -> bool:
+        """Whether these figures of a ``design`` are those of a ``body`` that is solid all over.
+
+        They are if both have equal meshes, by their number of cells and their volume, and modes.
+        """
+        mesh, of_design = body.domain, design.domain
+        is_as_fine = self.cells == mesh.n_cells_global and mesh.order == of_design.order
+        filled = self.volume * (of_design.whole or of_design).area
+        is_solid = math.isclose(filled, mesh.area, rel_tol=1e-10)
+        return is_as_fine and is_solid and body.modes == design.modes
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,12 +48,13 @@ from ..fem import (
 from ..parallel import on_rank_0
 from .boundary import Side, boundary
 from .cut import DESIGN, VOID, Lattice, cut
+from .enclosed import Findings
 from .export import Loop, Sheet, write
 from .field import Field, evaluated
 from .in_space import mesh_solid
 from .pieces import Piece, attached, drawing, outlines, pieces
 from .pockets import pocket_faces
-from .verify import Enclosed, Found
+from .verify import Verifiable
 from .widths import Width, member_widths, narrowest_gap, thinnest_member
 
 #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
@@ -96,7 +97,7 @@ class LoosePiece:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Found(Found):
+class _Findings(Findings):
     """The boundary and warnings, found on rank 0 and sent to all ranks."""
 
     drawing: Drawing  #: Designed and solid faces
@@ -107,7 +108,7 @@ class _Found(Found):
     crossing: str  #: Where curves cross, "" if they do not
 
 
-class Part(Enclosed):
+class Part(Verifiable):
     """What is to be made of a design: one flat part, bounded by smooth curves.
 
     Every rank holds all of it.
@@ -150,7 +151,7 @@ class Part(Enclosed):
         tolerance: float = 1e-5,
         web: float = 0.0,
     ) -> None:
-        self._keep(domain, field, material, "thickness")
+        self._set_arguments(domain, field, material, "thickness")
         if spacing is None:
             spacing = float(np.sqrt(domain.area / domain.n_cells_global))
         #: Length on which the field varies [m]
@@ -166,7 +167,7 @@ class Part(Enclosed):
             step = self.spacing / (finer * steps)
             lattice = Lattice.of(domain, step)
             find = partial(_find, lattice, field, self.spacing, step, share, names, self.web)
-            found: _Found = on_rank_0(domain.comm, find)
+            found: _Findings = on_rank_0(domain.comm, find)
             if not found.crossing:
                 break
         else:
@@ -175,7 +176,7 @@ class Part(Enclosed):
                 "than the lattice on which they are looked for; give a larger resolution, or take "
                 "a design without hairlines"
             )
-        self._found: _Found = found
+        self._findings: _Findings = found
         #: Curves, and the faces between them in designed and solid cells
         self.drawing = found.drawing
         #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
@@ -183,14 +184,14 @@ class Part(Enclosed):
         self._warn()
 
     def redrawn(self, drawing: Drawing) -> Part:
-        """The part of the same body between the curves of a ``drawing``."""
+        """The part of the same body between the curves of a ``drawing``, one piece in all."""
         made = copy(self)
         for name in ("_moments", "polygon", "thinnest_member", "narrowest_gap", "pockets"):
             made.__dict__.pop(name, None)
         around, names = _around(drawing, drawing.faces, self.accuracy, list(self.body.interfaces))
         made.drawing, made.outlines = drawing, around
-        found = replace(self._found, drawing=drawing, outlines=around, interfaces=names)
-        made._found = replace(found, pieces=len(around), loose=[], deviation=0.0, left_out="")
+        found = replace(self._findings, drawing=drawing, outlines=around, interfaces=names)
+        made._findings = replace(found, loose=[], deviation=0.0, loose_warning="")
         # the curves are exact; the field that they came from is another one
         made.field = lambda x: 2.0 * shapely.contains_xy(made.polygon, *np.transpose(x)) - 1.0
         return made
@@ -217,12 +218,12 @@ class Part(Enclosed):
         It is |phi| / |grad phi| at eight points of each span of the splines, and within a tenth of
         a spacing of corners is not looked at.
         """
-        return self._found.deviation
+        return self._findings.deviation
 
     @property
     def loose(self) -> list[LoosePiece]:
         """The pieces that nothing holds and that are left out."""
-        return self._found.loose
+        return self._findings.loose
 
     def interface(self, name: str) -> list[Curve]:
         """The curves that are the interface ``name``, which must be one of the body's."""
@@ -270,7 +271,7 @@ class Part(Enclosed):
     @property
     def thickness(self) -> float:
         """Extent perpendicular to the plane [m]; a ValueError without a material."""
-        return float(self._made_of("its thickness").thickness)
+        return float(self._material_for("its thickness").thickness)
 
     @property
     def volume(self) -> float:
@@ -317,7 +318,7 @@ class Part(Enclosed):
 
     @property
     def _sheet(self) -> Sheet:
-        names, around = list(self.body.interfaces), (self.outlines, self._found.interfaces)
+        names, around = list(self.body.interfaces), (self.outlines, self._findings.interfaces)
         pockets: list[list[Loop]] = []
         if self.pockets:
             around = _around(
@@ -386,7 +387,7 @@ class Part(Enclosed):
         degree = validation.integer("part: order", order, least=1)
         comm, sheet = self.body.comm, self._sheet
         kept = {n: self.interface(n) for n in self.body.interfaces if n not in self.lost_interfaces}
-        self._made_of("its thickness")
+        self._material_for("its thickness")
         with gmsh_model() if comm.rank == 0 else nullcontext() as gmsh:
             on_rank_0(comm, lambda: mesh_solid(gmsh, sheet, kept, size))
             centers = {name: [*self.body.interfaces[name].center, 0.0] for name in kept}
@@ -449,7 +450,7 @@ def _find(
     share: float,
     names: Sequence[str],
     web: float,
-) -> _Found:
+) -> _Findings:
     assert lattice is not None  # on rank 0
     accuracy, segments = _ACCURACY * spacing, cut(lattice, field, spacing)
     sides = boundary(lattice, segments, field, step, share * spacing)
@@ -469,21 +470,21 @@ def _find(
     said += _polygonal([sides[i] for piece in stay for i in piece.sides], names)
 
     around, interfaces = _curves_of(sides, stay, accuracy, names)
-    alone = [piece for piece in found if piece not in stay]
+    alone = [piece for piece in found if not piece.interfaces]
     on_field = [sides[i].curve for piece in stay for i in piece.sides if sides[i].field]
-    return _Found(
+    return _Findings(
         pieces=len(around),
         drawing=drawing(sides, stay, names),
         outlines=around,
         interfaces=interfaces,
         deviation=_deviation(on_field, field, spacing),
-        left_out=left_out,
+        loose_warning=left_out,
         warnings=said,
         loose=[
             LoosePiece(p.area, p.center, _curves_of(sides, [p], accuracy, names)[0][0])
             for p in alone
         ],
-        lost=[name for name, length in left.items() if length == 0.0],
+        lost_interfaces=[name for name, length in left.items() if length == 0.0],
         crossing=_crossing(around, _CROSSING * spacing),
     )
 

@@ -32,10 +32,11 @@ from ..fem import (
 from ..files import check_room, whole_file
 from ..parallel import on_rank_0
 from .ball_widths import Balls, surface_balls
+from .enclosed import Findings
 from .export import UNITS
 from .field import Field
 from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, touching, volumes
-from .verify import Enclosed, Found
+from .verify import Verifiable
 from .widths import Width
 
 #: Files that can be written
@@ -57,7 +58,7 @@ class Cavity:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Found(Found):
+class _Findings(Findings):
     """The surface and warnings, found on rank 0 and sent to all ranks."""
 
     points: Array  #: (points, 3) vertices of the surface [m]
@@ -67,7 +68,7 @@ class _Found(Found):
     cavities: list[Cavity]
 
 
-class Solid(Enclosed):
+class Solid(Verifiable):
     """What is to be made of a design in space, bounded by a closed surface of triangles.
 
     Every rank holds all of the surface. Pieces that touch no interface are left out; pieces that
@@ -107,33 +108,35 @@ class Solid(Enclosed):
         size: float | None = None,
         surface: float | None = None,
     ) -> None:
-        self._keep(domain, field, material, "on")
+        self._set_arguments(domain, field, material, "on")
         for what, given, most in (("size", size, np.inf), ("surface", surface, size or np.inf)):
             if given is not None:
                 validation.number(f"solid: {what}", given, above=0.0, most=most, unit="m")
         self._first = 0 if size is None else self._finer(size)
         seen = surface or size
         self._kept: dict[int, Tetrahedra] = {}  # cut once for the surface and the mesh
-        self._found: _Found = self._cut(self._finer(seen) if seen else _SURFACE[domain.cell])[1]
+        self._findings: _Findings = self._cut(self._finer(seen) if seen else _SURFACE[domain.cell])[
+            1
+        ]
         #: Vertices of the surface, shape (points, 3) [m]
-        self.points = self._found.points
+        self.points = self._findings.points
         #: Vertices of each triangle, anticlockwise from outside, shape (triangles, 3)
-        self.triangles = self._found.triangles
+        self.triangles = self._findings.triangles
         self._warn()
 
     @property
     def loose(self) -> list[float]:
         """Volumes of the pieces that nothing holds and that are left out [m^3]."""
-        return self._found.loose
+        return self._findings.loose
 
     @property
     def cavities(self) -> list[Cavity]:
         """The voids that are enclosed, the largest first."""
-        return self._found.cavities
+        return self._findings.cavities
 
     @property
     def volume(self) -> float:
-        return self._found.volume
+        return self._findings.volume
 
     @cached_property
     def thinnest_member(self) -> Width | None:
@@ -217,26 +220,26 @@ class Solid(Enclosed):
             Tetrahedra.check(self.body, finer)
         return finer
 
-    def _cut(self, finer: int) -> tuple[Tetrahedra, _Found]:
+    def _cut(self, finer: int) -> tuple[Tetrahedra, _Findings]:
         """The tetrahedra of the solid, on rank 0, and its surface, on all ranks."""
         if finer in self._kept:
-            return self._kept[finer], self._found
+            return self._kept[finer], self._findings
         body, mesh = Tetrahedra.of(self.body, finer), GatheredMesh.of(self.body)
         kept: list[Tetrahedra] = []
 
-        def cut() -> _Found:
+        def cut() -> _Findings:
             left = cut_tetrahedra(body, self.field)
             _round_bores(left, mesh)
             left, found = _attached(left, list(self.body.interfaces))
             kept.append(left)
             return found
 
-        found: _Found = on_rank_0(self.body.comm, cut)
+        found: _Findings = on_rank_0(self.body.comm, cut)
         self._kept.setdefault(finer, kept[0] if kept else body)
         return (kept[0] if kept else body), found
 
 
-def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
+def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Findings]:
     """The pieces that touch an interface, and their surface."""
     if not len(cut.cells):
         raise ShapeError("solid: there is no material; the field is negative everywhere")
@@ -278,15 +281,15 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
         )
     if lost:
         said.append(f"the interfaces {lost} have no material; keep the cells along them solid")
-    found = _Found(
+    found = _Findings(
         points=surface,
         triangles=corners,
         volume=float(np.sum(size[stays])),
         pieces=int(np.count_nonzero(touches)),
         loose=loose,
         cavities=cavities,
-        lost=lost,
-        left_out=left_out,
+        lost_interfaces=lost,
+        loose_warning=left_out,
         warnings=said,
     )
     return left, found

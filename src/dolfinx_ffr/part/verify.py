@@ -1,253 +1,44 @@
 # SPDX-License-Identifier: MIT
-"""What a design encloses, and what it is worth: evaluated again on meshes that fit the boundary."""
+"""What a part is worth: its problem evaluated again on meshes that fit its boundary."""
 
 from __future__ import annotations
 
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
 from .. import validation
-from ..arrays import Array
-from ..design import Design
-from ..documentation import Shown
-from ..fem import Domain, ElasticMaterial
 from ..mechanism import RayleighDamping
 from ..objective import is_stress
 from ..parallel import on_every_rank, on_rank_0
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
 from ..reduction import FlexibleBody, ReducedBody
-from .field import Field
+from .enclosed import Enclosed, PartWarning
 from .figures import BodyFigures, Figures
 from .widths import Width
 
-#: Share by which psi of the parts may exceed the reported one, and a constraint its bound, before
-#: that is said
-SOFTER = 0.02
-#: Meshes at most where psi stands still and a bound is neither kept nor exceeded for sure
-_FOR_BOUNDS = 3
-#: Frequencies that the summary shows
-_SHOWN = 3
-#: Shares by which frequencies and the largest stress of the part may differ from the reported ones
-#: before that is said: stress differs as much from mesh to mesh where edges begin at an interface
-_FREQUENCY, _STRESS = 0.02, 0.1
-
-
-class PartWarning(UserWarning):
-    """What is drawn as a part is not all of the design, or not held as it should be."""
-
-
-class LoosePieceWarning(PartWarning):
-    """Pieces of a design touch no interface, and its part is without them."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Found:
-    """Found on rank 0, of a part or a solid, and sent to all ranks."""
-
-    pieces: int
-    lost: list[str]  #: Interfaces without material
-    left_out: str  #: What is said of loose pieces
-    warnings: list[str]  #: What is said besides
-
-
-class Enclosed(Shown, ABC):
-    """What a design encloses, to be made: a `Part` in the plane, a `Solid` in space.
-
-    Both have the members below, and `Result.part` gives the one that fits the body.
-    """
-
-    kind: ClassVar[str]  #: "part" or "solid", also the name of its files
-    elements: ClassVar[str]  #: What its meshes are made of
-    #: Largest change of psi from one of its meshes to the next that counts as none, by default
-    tolerance: ClassVar[float]
-    most: ClassVar[int]  #: Number of meshes that are tried by default
-    dimension: ClassVar[int]  #: Of its body
-    _found: Found
-
-    def _keep(
-        self, domain: Domain, field: Field, material: ElasticMaterial | None, needed: str
-    ) -> None:
-        """Check and keep the arguments; the material needs a certain attribute."""
-        #: The body that was designed
-        self.body = validation.instance(f"{self.kind}: domain", domain, Domain, "a Domain")
-        if domain.dimension != self.dimension:
-            where, fitting = ("space", "Solid") if domain.dimension == 3 else ("the plane", "Part")
-            raise ValueError(f"{self.kind}: the body is in {where}; {fitting} is for such bodies")
-        validation.function(f"{self.kind}: field", field, "positions")
-        #: Positive in the material, of positions (n, dimension) [m]
-        self.field = field
-        if material is not None:
-            what = f"{self.kind}: material"
-            validation.implementation(what, material, [needed], "an elastic material")
-        #: What it is made of, for its mass
-        self.material = material
-
-    @classmethod
-    def of(cls, design: Design, variables: ArrayLike, **options: Any) -> Self:
-        """What a ``design`` encloses at its ``variables``; ``options`` as of the class.
-
-        The boundary is the zero line or surface of a level set, of densities that where a smooth
-        mean of them is one half (`density_field`).
-        """
-        needed = "a LevelSet or a DensityDesign"
-        validation.instance(f"{cls.kind}: design", design, Design, needed)
-        if design.web:
-            options = {"web": design.web, **options}
-        validation.keywords(f"{cls.__name__}.of", options, cls)
-        field = design.level(design.check(variables))
-        return cls(design.domain, field, **options)  # type: ignore[call-arg]
-
-    def _shown(self) -> list[tuple[str, str, str]]:
-        """What is known without more work."""
-        rows = [("pieces", f"{self.pieces}", "")]
-        if self.weighs:
-            rows.append(("mass", f"{self.mass:.5g} kg", ""))
-        known = ("thinnest member", "narrowest gap")
-        found = {name: vars(self).get(name.replace(" ", "_")) for name in known}
-        rows += [(name, f"{1e3 * w.value:.3g} mm", "") for name, w in found.items() if w]
-        return rows + [("warning", text, "") for text in self.warnings]
-
-    @property
-    def pieces(self) -> int:
-        """Number of connected pieces of material."""
-        return self._found.pieces
-
-    @property
-    def warnings(self) -> list[str]:
-        """What was said of it as it was made."""
-        return [self._found.left_out] * bool(self._found.left_out) + self._found.warnings
-
-    def _warn(self) -> None:
-        """Warn of what was found, at the line that makes the part or the solid."""
-        for text in self.warnings:
-            kind = LoosePieceWarning if text == self._found.left_out else PartWarning
-            warnings.warn(f"{self.kind}: {text}", kind, stacklevel=3)
-
-    @property
-    def lost_interfaces(self) -> list[str]:
-        """Interfaces that are left without material."""
-        return self._found.lost
-
-    @property
-    @abstractmethod
-    def volume(self) -> float:
-        """Volume [m^3]; in the plane area times thickness, which is that of a material."""
-
-    @property
-    def mass(self) -> float:
-        """Mass [kg]; a ValueError without a material that tells its density."""
-        material = self._made_of("its mass")
-        if not self.weighs:
-            raise ValueError(
-                f"{self.kind}: its material {type(material).__name__} has no attribute density "
-                "[kg/m^3], which its mass needs"
-            )
-        return self.volume * float(material.density)
-
-    @property
-    def weighs(self) -> bool:
-        """Whether its mass is known: whether it has a material that tells its density."""
-        return getattr(self.material, "density", None) is not None
-
-    def density(self, domain: Domain) -> Array:
-        """The density of each cell of a mesh ``domain`` that fits it, (cells,): that of the solid.
-
-        In pockets it is the thickness of their floor as a share of the part's.
-        """
-        return np.ones(domain.n_cells)
-
-    @property
-    @abstractmethod
-    def thinnest_member(self) -> Width | None:
-        """The thinnest member, by discs or balls that do not fit; None if there is none."""
-
-    @property
-    @abstractmethod
-    def narrowest_gap(self) -> Width | None:
-        """The narrowest gap or hole, likewise."""
-
-    def measures(self) -> dict[str, Width | int | None]:
-        """What summaries tell of it beside its pieces."""
-        return {"thinnest member": self.thinnest_member, "narrowest gap": self.narrowest_gap}
-
-    def _made_of(self, what: str) -> ElasticMaterial:
-        """The material, which a number asks for."""
-        if self.material is None:
-            raise ValueError(
-                f"{self.kind}: {what} is that of a material; make it with "
-                f"{type(self).__name__}(..., material=)"
-            )
-        return self.material
-
-    def write(self, path: str | Path, **options: Any) -> list[Path]:
-        """Write it for CAD, printers and machines; rank 0 writes.
-
-        Args:
-            path: A file: of a part .svg, .dxf, .step or .stl, of a solid .stl, .ply, .vtp or .obj.
-                Or a folder, for "part.svg" and all others of a part, for "solid.stl" of a solid.
-            options: ``unit`` of lengths, "mm" (the default) or "m". Files .step are in
-                millimetres and say so.
-
-        Returns:
-            The files, on every rank.
-
-        Raises:
-            ValueError: If kind of file or unit are not known, or a part has no thickness.
-            OSError: If a file cannot be written; older ones stay.
-        """
-        validation.keywords(f"{self.kind}.write", options, self._write)
-        return self._write(path, **options)
-
-    @abstractmethod
-    def _write(self, path: str | Path, *, unit: str) -> list[Path]:
-        """See `write`."""
-
-    @abstractmethod
-    def sizes(self, size: float | None, count: int) -> list[float]:
-        """Sizes of ``count`` meshes to evaluate it on, each finer than the last [m].
-
-        The first ``size`` is by default one that suits it.
-        """
-
-    @abstractmethod
-    def domain(self, size: float, order: int = 2) -> Domain:
-        """A mesh with cells of a ``size`` [m] that fits it, for displacements of an ``order``.
-
-        It has the interfaces of the body, with the same centres, and its solid regions.
-        """
-
-    def resolved(self, size: float, order: int) -> Domain:
-        """As `domain` for a ``size`` and ``order``, with smaller cells where the stress is high."""
-        return self.domain(size, order)
-
-    def verify(self, problem: Problem, evaluation: Evaluation, **options: Any) -> Verification:
-        """Evaluate a ``problem`` of one designed body with this in its place, see `verify`.
-
-        The ``evaluation`` is that of the design, the ``options`` are those of `verify`; a
-        ValueError if several bodies are designed.
-        """
-        validation.keywords(f"{self.kind}.verify", options, verify)
-        names = list(problem.flexible)
-        if len(names) != 1:
-            raise ValueError(
-                f"{self.kind}: the problem designs the bodies {sorted(names)}; verify them "
-                f"together by verify(problem, {{name: {self.kind}, ...}}, evaluation)"
-            )
-        return verify(problem, {names[0]: self}, evaluation, **options)
+#: Share by which psi of the parts may exceed the reported one, a constraint its bound, and a
+#: frequency differ from the reported one, before that is said
+_DIFFERENCE = 0.02
+#: The same of the largest stress, which differs as much from mesh to mesh where edges begin at an
+#: interface
+_STRESS_DIFFERENCE = 0.1
+#: Meshes at most if psi has converged and only constraints are undecided
+_MESHES_FOR_BOUNDS = 3
+#: Number of frequencies that are compared and shown
+_FREQUENCIES = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verification:
     """The figures of a design as reported, and of its parts on finer and finer meshes.
+
+    Largest stresses are known of the design and of the parts on their finest mesh.
 
     Attributes:
         reported: Of the design.
@@ -295,21 +86,20 @@ class Verification:
         if name is None or name not in self.bodies:
             raise ValueError(f"export: name = {name!r}, but the parts are {sorted(self.bodies)}")
         body, reduced = self.bodies[name]
-        own = format == "npz" or (format is None and Path(path).suffix == ".npz")
-        integrals = reduced.integrals if own else body.in_space(reduced)
-        how: dict[str, Any] = {"format": format, "damping": damping}
-        on_rank_0(body.domain.comm, lambda: integrals.save(path, **how))
+        is_ours = format == "npz" or (format is None and Path(path).suffix == ".npz")
+        integrals = reduced.integrals if is_ours else body.in_space(reduced)
+        on_rank_0(body.domain.comm, lambda: integrals.save(path, format=format, damping=damping))
 
     @property
     def psi(self) -> float:
-        """Of the parts on the finest mesh."""
+        """Psi of the parts on the finest mesh."""
         return self.fitted[-1].psi
 
     @property
     def difference(self) -> float:
         """How much larger psi of the parts is than the reported one, relative to its size."""
-        before = self.reported.psi
-        return (self.psi - before) / abs(before) if before else 0.0
+        reported = self.reported.psi
+        return (self.psi - reported) / abs(reported) if reported else 0.0
 
     @property
     def change(self) -> float:
@@ -320,98 +110,112 @@ class Verification:
 
     @property
     def converged(self) -> bool:
-        """Whether psi stands still."""
+        """Whether the last change of psi is within the tolerance."""
         return self.change <= self.tolerance
 
     @property
     def decided(self) -> bool:
-        """Whether constraints stand still, or changed at last by less than they are off bounds."""
+        """Whether each constraint has converged, or is farther from its bound than it changed."""
         if len(self.fitted) < 2:
             return False
-        before, last = (row.excesses for row in self.fitted[-2:])
-        return all(abs(v - before[n]) <= max(self.tolerance, abs(v)) for n, v in last.items())
+        coarse, fine = (figures.excesses for figures in self.fitted[-2:])
+        return all(
+            abs(excess - coarse[name]) <= max(self.tolerance, abs(excess))
+            for name, excess in fine.items()
+        )
 
     @property
     def violations(self) -> dict[str, float]:
         """Constraints and volumes that are more than 2 % beyond their bounds, by how much."""
-        # what is not a number is no value below a bound
-        return {n: over for n, over in self.fitted[-1].excesses.items() if not over <= SOFTER}
+        # NaN is not below a bound
+        excesses = self.fitted[-1].excesses
+        return {name: excess for name, excess in excesses.items() if not excess <= _DIFFERENCE}
 
     @property
     def differences(self) -> list[str]:
-        """What of the reported numbers is another one of the parts, each in words.
+        """Reported numbers that are not those of the parts, each in words.
 
         psi and frequencies that differ by more than 2 %, and a largest stress by more than 10 %.
         """
-        found, psi = [], (self.reported.psi, self.psi)
-        if abs(self.difference) > SOFTER:
-            found.append("psi {:.4g}, of the parts {:.4g}".format(*psi))
+        sentences = []
+        if abs(self.difference) > _DIFFERENCE:
+            sentences.append(f"psi {self.reported.psi:.4g}, of the parts {self.psi:.4g}")
         for name, body in self.fitted[-1].bodies.items():
-            before, of = self.reported.bodies[name], f"of {name!r}"
-            shown = zip(before.frequencies[:_SHOWN], body.frequencies, strict=False)
-            for i, (old, new) in enumerate(shown, 1):
-                if abs(new - old) > _FREQUENCY * abs(old):
-                    found.append(f"frequency {i} {of} {old:.4g} Hz, of the part {new:.4g} Hz")
-            if before.stress is not None and body.stress is not None:
-                old, new = before.stress, body.stress
-                if abs(new - old) > _STRESS * old:
-                    found.append(
-                        f"largest stress {of} {old / 1e6:.4g} MPa, of the part {new / 1e6:.4g} MPa"
+            design = self.reported.bodies[name]
+            for number, (reported, fitted) in enumerate(_frequencies(design, body), 1):
+                if abs(fitted - reported) > _DIFFERENCE * abs(reported):
+                    sentences.append(
+                        f"frequency {number} of {name!r} {reported:.4g} Hz, "
+                        f"of the part {fitted:.4g} Hz"
                     )
-        return found
-
-    def _told(self, name: str) -> str:
-        """A constraint or a volume of the design and of the part beside its bound."""
-        before, last = (row.values[name] for row in (self.reported, self.fitted[-1]))
-        return f"{before:.4g} of the design, {last:.4g} of the part, {self.limits[name]}"
+            if design.stress is None or body.stress is None:
+                continue
+            if abs(body.stress - design.stress) > _STRESS_DIFFERENCE * design.stress:
+                sentences.append(
+                    f"largest stress of {name!r} {design.stress / 1e6:.4g} MPa, "
+                    f"of the part {body.stress / 1e6:.4g} MPa"
+                )
+        return sentences
 
     def summary(self) -> str:
         """The table as text."""
         lines = [f"{'':24s} {'psi':>12s} {'vs reported':>12s}"]
-        for row in (self.reported, *self.fitted):
-            name = "reported (design)" if row.size is None else f"part, {1e3 * row.size:.3g} mm"
-            lines.append(f"{name:24s} {row.psi:12.5e} {row.psi / self.reported.psi:12.4f}")
-        state = "has converged" if self.converged else "still changes"
-        change = f"last change {100 * self.change:.2g} % (tolerance {100 * self.tolerance:.2g} %)"
-        lines.append(f"psi {state}: {change}" if len(self.fitted) > 1 else "psi of one mesh only")
-        last = self.fitted[-1]
-        for name, body in last.bodies.items():
-            lines += self._told_of_body(name, self.reported.bodies[name], body)
-        for name, psi in last.load_cases.items():
-            before = self.reported.load_cases[name]
-            share = f"{psi / before:.4f} of that"
-            lines.append(f"load case {name}: psi {before:.5e} -> {psi:.5e}, {share}")
-        for name, over in last.excesses.items():
-            beyond = f", {100 * over:.1f} % beyond its bound" if over > 0.0 else ""
+        for figures in (self.reported, *self.fitted):
+            size = figures.size
+            label = "reported (design)" if size is None else f"part, {1e3 * size:.3g} mm"
+            ratio = figures.psi / self.reported.psi
+            lines.append(f"{label:24s} {figures.psi:12.5e} {ratio:12.4f}")
+
+        if len(self.fitted) > 1:
+            state = "has converged" if self.converged else "still changes"
             lines.append(
-                f"constraint {name}: {self.reported.values[name]:.4g} -> {last.values[name]:.4g}, "
-                f"{self.limits[name]}{beyond}"
+                f"psi {state}: last change {100 * self.change:.2g} % "
+                f"(tolerance {100 * self.tolerance:.2g} %)"
             )
+        else:
+            lines.append("psi of one mesh only")
+
+        finest = self.fitted[-1]
+        for name in finest.bodies:
+            lines += self._lines_of_body(name)
+        for name, psi in finest.load_cases.items():
+            reported = self.reported.load_cases[name]
+            lines.append(
+                f"load case {name}: psi {reported:.5e} -> {psi:.5e}, {psi / reported:.4f} of that"
+            )
+        for name, excess in finest.excesses.items():
+            beyond = f", {100 * excess:.1f} % beyond its bound" if excess > 0.0 else ""
+            values = f"{self.reported.values[name]:.4g} -> {finest.values[name]:.4g}"
+            lines.append(f"constraint {name}: {values}, {self.limits[name]}{beyond}")
         return "\n".join(lines)
 
-    def _told_of_body(self, name: str, before: BodyFigures, after: BodyFigures) -> list[str]:
+    def _lines_of_body(self, name: str) -> list[str]:
         """The lines of the summary on one body."""
         part, measures = self.parts[name], self.parts[name].measures()
-        holes = measures.get("holes")
-        told = "" if holes is None else f", with {holes} hole{'s' * (holes != 1)}"
-        if pockets := measures.get("pockets"):
-            told += f" and {pockets} pocket{'s' * (pockets != 1)}"
+        design, body = self.reported.bodies[name], self.fitted[-1].bodies[name]
+        holes, pockets = measures.get("holes"), measures.get("pockets")
+        counts = "" if holes is None else f", with {holes} hole{'s' * (holes != 1)}"
+        if pockets:
+            counts += f" and {pockets} pocket{'s' * (pockets != 1)}"
+
         lines = [
-            f"{name}: {after.cells} {part.elements}, {self.modes[name]} modes; reported -> part",
-            f"  pieces       {part.pieces}{told}",
+            f"{name}: {body.cells} {part.elements}, {self.modes[name]} modes; reported -> part",
+            f"  pieces       {part.pieces}{counts}",
         ]
-        widths = {what: w.value for what, w in measures.items() if isinstance(w, Width)}
-        lines += [f"  {what}: {1e3 * value:.3g} mm" for what, value in widths.items()]
-        lines.append(f"  mass         {before.mass:.5g} -> {after.mass:.5g} kg")
-        lines.append(f"  volume       {before.volume:.4f} -> {after.volume:.4f}")
-        pairs = zip(before.frequencies[:_SHOWN], after.frequencies, strict=False)
-        for i, (old, new) in enumerate(pairs, 1):
-            lines.append(f"  frequency {i}  {old:.5g} -> {new:.5g} Hz")
-        if before.stress is not None and after.stress is not None:
-            old, new = before.stress / 1e6, after.stress / 1e6
-            assert after.place is not None
-            at = ", ".join(f"{1e3 * x:.4g}" for x in after.place)
-            lines.append(f"  stress       {old:.4g} -> {new:.4g} MPa, at ({at}) mm")
+        for label, width in measures.items():
+            if isinstance(width, Width):
+                lines.append(f"  {label}: {1e3 * width.value:.3g} mm")
+        lines.append(f"  mass         {design.mass:.5g} -> {body.mass:.5g} kg")
+        lines.append(f"  volume       {design.volume:.4f} -> {body.volume:.4f}")
+        for number, (reported, fitted) in enumerate(_frequencies(design, body), 1):
+            lines.append(f"  frequency {number}  {reported:.5g} -> {fitted:.5g} Hz")
+        if design.stress is not None and body.stress is not None:
+            assert body.place is not None
+            place = ", ".join(f"{1e3 * x:.4g}" for x in body.place)
+            lines.append(
+                f"  stress       {design.stress / 1e6:.4g} -> {body.stress / 1e6:.4g} MPa, "
+                f"at ({place}) mm"
+            )
         return lines
 
     def record(self) -> dict[str, Any]:
@@ -420,29 +224,35 @@ class Verification:
         Values of bodies are numbers where one is designed, and by name where several are.
         """
 
-        def of_each(values: Mapping[str, Any]) -> Any:
+        def by_body(values: Mapping[str, Any]) -> Any:
             return next(iter(values.values())) if len(values) == 1 else dict(values)
 
-        last = self.fitted[-1]
+        finest = self.fitted[-1]
         record: dict[str, Any] = {"psi_part": self.psi}
         if self.reported.load_cases:
-            record["psi_part_by_load_case"] = last.load_cases
+            record["psi_part_by_load_case"] = finest.load_cases
         for key in ("difference", "differences", "change", "violations"):
             record[f"part_{key}"] = getattr(self, key)
-        record["part_pieces"] = of_each({name: part.pieces for name, part in self.parts.items()})
-        record["part_mass"] = of_each({name: body.mass for name, body in last.bodies.items()})
-        measures = {name: part.measures() for name, part in self.parts.items()}
+        record["part_pieces"] = by_body({name: part.pieces for name, part in self.parts.items()})
+        record["part_mass"] = by_body({name: body.mass for name, body in finest.bodies.items()})
+
         keys = {"holes": "part_holes", "pockets": "part_pockets"}
-        for what in dict.fromkeys(what for measured in measures.values() for what in measured):
-            found = {name: measured.get(what) for name, measured in measures.items()}
-            record[keys.get(what, what.replace(" ", "_"))] = of_each(
-                {name: v.value if isinstance(v, Width) else v for name, v in found.items()}
+        measures = {name: part.measures() for name, part in self.parts.items()}
+        for label in dict.fromkeys(label for of_part in measures.values() for label in of_part):
+            values = {name: of_part.get(label) for name, of_part in measures.items()}
+            record[keys.get(label, label.replace(" ", "_"))] = by_body(
+                {name: v.value if isinstance(v, Width) else v for name, v in values.items()}
             )
         return record
 
     def __repr__(self) -> str:
         """The table as text."""
         return self.summary()
+
+
+def _frequencies(design: BodyFigures, part: BodyFigures) -> Iterator[tuple[float, float]]:
+    """The lowest frequencies of a design and of its part [Hz]."""
+    return zip(design.frequencies[:_FREQUENCIES], part.frequencies, strict=False)
 
 
 def verify(
@@ -509,39 +319,32 @@ def verify(
         validation.number("verify: size", size, above=0.0, unit="m")
     meshes = validation.integer("verify: most", most, least=2)
     validation.flag("verify: progress", progress)
-    shares = dict(volume) if isinstance(volume, Mapping) else dict.fromkeys(parts, volume)
-    there = f"but the flexible bodies are {sorted(problem.flexible)}"
-    if unknown := sorted(set(shares) - set(problem.flexible) - set(parts)):
-        raise ValueError(f"verify: volume is given for {unknown}, {there}")
-    bounds = {
-        name: validation.number(f"verify: volume of {name!r}", share, above=0.0)
-        for name, share in shares.items()
-        if name in parts and share is not None
-    }
-    if not parts or set(parts) - set(problem.flexible):
-        raise ValueError(f"verify: parts for {sorted(parts)}, {there}")
-    for name, part in parts.items():
-        if part.lost_interfaces:
-            raise ValueError(
-                f"verify: the part {name!r} has no material at the interfaces "
-                f"{part.lost_interfaces}, by which the problem holds it"
-            )
-    given = modes if isinstance(modes, Mapping) else dict.fromkeys(parts, modes)
-    wanted = {name: problem.flexible[name].modes for name in parts}
-    wanted |= {n: number for n, number in given.items() if n in wanted and number is not None}
-    limits = {f"volume of {name}": f"at most {bound:.4g}" for name, bound in bounds.items()}
+    volume_bounds = _volume_bounds(problem, parts, volume)
+    _check_parts(problem, parts)
+    normal_modes = {name: problem.flexible[name].modes for name in parts}
+    wanted_modes = modes if isinstance(modes, Mapping) else dict.fromkeys(parts, modes)
+    for name, number in wanted_modes.items():
+        if name in parts and number is not None:
+            normal_modes[name] = number
+    limits = {f"volume of {name}": f"at most {v:.4g}" for name, v in volume_bounds.items()}
     limits |= {constraint.label: constraint.limit for constraint in problem.constraints}
-    own = problem.calibrated(evaluation)
-    reported = _figures(None, *own, parts, bounds)
+
+    corrected, calibrated = problem.calibrated(evaluation)
+    reported = _figures(None, corrected, calibrated, parts, volume_bounds)
+    reported = _with_stress(reported, corrected, calibrated)
     for name in parts:  # the factor of the design would stay beside those of its parts
         problem.flexible[name].release()
+
     fitted: list[Figures] = []
-    every = {name: part.sizes(size, meshes) for name, part in parts.items()}
-    silent = not progress or problem.comm.rank > 0
-    for mesh in tqdm(range(meshes), "verify", unit="mesh", leave=False, disable=silent):
-        sizes = {name: of[mesh] for name, of in every.items()}
+    bodies: dict[str, tuple[FlexibleBody, ReducedBody]] = {}
+    sizes_of = {name: part.sizes(size, meshes) for name, part in parts.items()}
+    is_silent = not progress or problem.comm.rank > 0
+    for mesh in tqdm(range(meshes), "verify", unit="mesh", leave=False, disable=is_silent):
+        for body, _ in bodies.values():  # of which the factor is large
+            body.release()
+        sizes = {name: of_meshes[mesh] for name, of_meshes in sizes_of.items()}
         try:
-            again = _meshed(problem, parts, sizes, order, wanted)
+            with_parts = _meshed(problem, parts, sizes, order, normal_modes)
         except ValueError as error:
             if not fitted:
                 raise
@@ -550,32 +353,69 @@ def verify(
                 PartWarning,
                 stacklevel=2,
             )
-            if len(fitted) == 1:  # its stress was left to finer ones
-                fitted = [_figures(fitted[0].size, *own, parts, bounds)]
             break
-        densities = {
-            name: parts[name].density(body.domain)
-            if name in parts
-            else evaluation.bodies[name].density
-            for name, body in again.flexible.items()
-        }
-        # solids whose surface was moved are told by their first meshes
-        of = {name: (again.flexible[name], problem.flexible[name]) for name in parts}
-        if fitted or not all(reported.bodies[n].told_by(*pair) for n, pair in of.items()):
-            own = again.calibrated(again.value(densities))
-        # the first mesh is never the last one, of which the stress is told
-        fitted.append(_figures(max(sizes.values()), *own, parts, bounds, stressed=mesh > 0))
-        last = {name: (own[0].flexible[name], own[1].bodies[name]) for name in parts}
-        for body, reduced in last.values():
+
+        # the first mesh of a solid whose surface was moved is that on which it was reported
+        is_reported = not fitted and all(
+            reported.bodies[name].is_of(with_parts.flexible[name], problem.flexible[name])
+            for name in parts
+        )
+        if not is_reported:
+            densities = {
+                name: parts[name].density(body.domain)
+                if name in parts
+                else evaluation.bodies[name].density
+                for name, body in with_parts.flexible.items()
+            }
+            corrected, calibrated = with_parts.calibrated(with_parts.value(densities))
+        fitted.append(_figures(max(sizes.values()), corrected, calibrated, parts, volume_bounds))
+        bodies = {name: (corrected.flexible[name], calibrated.bodies[name]) for name in parts}
+        for body, reduced in bodies.values():
             body.warn_of_missing_modes(reduced)
-            body.release()
-        found = Verification(reported, fitted, tolerance, wanted, parts, limits, last)
-        if found.converged and (found.decided or len(fitted) >= _FOR_BOUNDS):
+        result = Verification(reported, fitted, tolerance, normal_modes, parts, limits, bodies)
+        if result.converged and (result.decided or len(fitted) >= _MESHES_FOR_BOUNDS):
             break
-    found = Verification(reported, fitted, tolerance, wanted, parts, limits, last)
-    for text in _doubts(found):
+
+    fitted[-1] = _with_stress(fitted[-1], corrected, calibrated)
+    for body, _ in bodies.values():
+        body.release()
+    for text in _doubts(result):
         warnings.warn(f"verify: {text}", PartWarning, stacklevel=2)
-    return found
+    return result
+
+
+def _volume_bounds(
+    problem: Problem,
+    parts: Mapping[str, Enclosed],
+    volume: float | Mapping[str, float] | None,
+) -> dict[str, float]:
+    """The upper bound of the filled share of each part that has one, checked."""
+    shares = dict(volume) if isinstance(volume, Mapping) else dict.fromkeys(parts, volume)
+    if unknown := sorted(set(shares) - set(problem.flexible) - set(parts)):
+        raise ValueError(
+            f"verify: volume is given for {unknown}, but the flexible bodies are "
+            f"{sorted(problem.flexible)}"
+        )
+    return {
+        name: validation.number(f"verify: volume of {name!r}", share, above=0.0)
+        for name, share in shares.items()
+        if name in parts and share is not None
+    }
+
+
+def _check_parts(problem: Problem, parts: Mapping[str, Enclosed]) -> None:
+    """Refuse parts that are not those of flexible bodies, or that lack an interface."""
+    if not parts or set(parts) - set(problem.flexible):
+        raise ValueError(
+            f"verify: parts for {sorted(parts)}, but the flexible bodies are "
+            f"{sorted(problem.flexible)}"
+        )
+    for name, part in parts.items():
+        if part.lost_interfaces:
+            raise ValueError(
+                f"verify: the part {name!r} has no material at the interfaces "
+                f"{part.lost_interfaces}, by which the problem holds it"
+            )
 
 
 def _meshed(
@@ -586,54 +426,62 @@ def _meshed(
     modes: Mapping[str, int],
 ) -> Problem:
     """The problem with parts on meshes of ``sizes`` [m]; ValueError where memory is too small."""
-    bodies, cases = dict(problem.bodies), problem.load_cases.values()
-    stressed = any(is_stress(each) for case in cases for each in case.objectives.values())
+    is_stress_limited = any(
+        is_stress(objective)
+        for case in problem.load_cases.values()
+        for objective in case.objectives.values()
+    )
+    bodies = dict(problem.bodies)
     for name, part in parts.items():
-        given, make = problem.flexible[name], part.resolved if stressed else part.domain
-        domain = make(sizes[name], order)
-        domain.whole = given.domain.whole or given.domain
-        bodies[name] = body = given.with_domain(domain).with_modes(modes[name])
+        design = problem.flexible[name]
+        make_mesh = part.resolved if is_stress_limited else part.domain
+        domain = make_mesh(sizes[name], order)
+        domain.whole = design.domain.whole or design.domain
+        body = design.with_domain(domain).with_modes(modes[name])
         body.check_memory(
             f"verify: a mesh of {name!r} with cells of {1e3 * sizes[name]:.3g} mm",
             'give a larger size, or solver="iterative" to the body',
         )
+        bodies[name] = body
     return problem.with_bodies(bodies)
 
 
-def _doubts(found: Verification) -> Iterator[str]:
+def _doubts(result: Verification) -> Iterator[str]:
     """Warnings: where psi still changes, is larger than reported, or a bound is exceeded."""
-    if not found.converged and len(found.fitted) > 1:
-        before, last = (1e3 * (row.size or 0.0) for row in found.fitted[-2:])
-        elements = next(iter(found.parts.values())).elements
+    if not result.converged and len(result.fitted) > 1:
+        coarse, fine = (1e3 * (figures.size or 0.0) for figures in result.fitted[-2:])
+        elements = next(iter(result.parts.values())).elements
         yield (
-            f"psi still changes by {100 * found.change:.2g} % from {elements} of {before:.3g} mm "
-            f"to {last:.3g} mm; give a smaller size or more meshes (most=), or look for members "
+            f"psi still changes by {100 * result.change:.2g} % from {elements} of {coarse:.3g} mm "
+            f"to {fine:.3g} mm; give a smaller size or more meshes (most=), or look for members "
             "thinner than that"
         )
-    if found.difference > SOFTER:
+    if result.difference > _DIFFERENCE:
         yield (
-            f"psi is {100 * found.difference:.1f} % above what was reported: elements bridge a "
+            f"psi is {100 * result.difference:.1f} % above what was reported: elements bridge a "
             "member that is broken or thinner than they are, or are coarse themselves. Look at "
             "the picture of the part; design with a larger minimum_member, on smaller elements, "
             "or from another start"
         )
-    if found.differences:
+    if result.differences:
         yield (
-            f"what was reported is not what the parts have: {'; '.join(found.differences)}. The "
+            f"what was reported is not what the parts have: {'; '.join(result.differences)}. The "
             "values of the parts are the ones to go by; smaller elements, or steps of the "
             "boundary, bring both together"
         )
-    for name, over in found.violations.items():
-        before = found.reported.excesses[name]
-        remedy = (
-            "design with a bound that much tighter"
-            if before <= SOFTER
-            else f"the design exceeds it by {100 * before:.1f} % itself: more iterations, another "
-            "start or another bound"
-        )
+    for name, excess in result.violations.items():
+        of_design = result.reported.excesses[name]
+        if of_design <= _DIFFERENCE:
+            remedy = "design with a bound that much tighter"
+        else:
+            remedy = (
+                f"the design exceeds it by {100 * of_design:.1f} % itself: more iterations, "
+                "another start or another bound"
+            )
         yield (
-            f"the part violates {name!r} by {100 * over:.1f} % of the bound "
-            f"({found._told(name)}); {remedy}"
+            f"the part violates {name!r} by {100 * excess:.1f} % of the bound "
+            f"({result.reported.values[name]:.4g} of the design, "
+            f"{result.fitted[-1].values[name]:.4g} of the part, {result.limits[name]}); {remedy}"
         )
 
 
@@ -642,24 +490,61 @@ def _figures(
     problem: Problem,
     evaluation: Evaluation,
     parts: Mapping[str, Enclosed],
-    bounds: Mapping[str, float],
-    *,
-    stressed: bool = True,
+    volume_bounds: Mapping[str, float],
 ) -> Figures:
-    """The figures of one problem; ``bounds`` are those of the bodies' volumes."""
+    """The figures of one problem, without stresses."""
     bodies = {}
     for name, part in parts.items():
-        body, reduced = problem.flexible[name], evaluation.bodies[name]
-        domain, mass = body.domain, reduced.integrals.mass
-        worst = worst_stress(body, evaluation, name) if stressed and evaluation.moves else None
-        stress = (worst.largest, worst.largest_position) if worst else (None, None)
-        share = domain.sum(reduced.density * domain.cell_volumes) / part.body.area
-        held = evaluation.fixed_interface_frequencies[name]
-        bodies[name] = BodyFigures(domain.n_cells_global, mass, share, held, *stress)
-    constraints = {name: float(bound.value) for name, bound in evaluation.constraints.items()}
-    excesses = {f"volume of {n}": bodies[n].volume / bound - 1.0 for n, bound in bounds.items()}
-    excesses |= {name: float(bound.violation) for name, bound in evaluation.constraints.items()}
+        domain, reduced = problem.flexible[name].domain, evaluation.bodies[name]
+        bodies[name] = BodyFigures(
+            cells=domain.n_cells_global,
+            mass=reduced.integrals.mass,
+            volume=domain.sum(reduced.density * domain.cell_volumes) / part.body.area,
+            frequencies=evaluation.fixed_interface_frequencies[name],
+        )
     load_cases = {name: float(case.psi) for name, case in evaluation.load_cases.items()}
-    several = load_cases if len(load_cases) > 1 else {}
+    constraints = evaluation.constraints
+    excesses = {
+        f"volume of {name}": bodies[name].volume / bound - 1.0
+        for name, bound in volume_bounds.items()
+    }
+    excesses |= {name: float(value.violation) for name, value in constraints.items()}
     with on_every_rank(problem.comm, "verify"):
-        return Figures(size, float(evaluation.psi), constraints, bodies, several, excesses)
+        return Figures(
+            size=size,
+            psi=float(evaluation.psi),
+            constraints={name: float(value.value) for name, value in constraints.items()},
+            bodies=bodies,
+            load_cases=load_cases if len(load_cases) > 1 else {},
+            excesses=excesses,
+        )
+
+
+def _with_stress(figures: Figures, problem: Problem, evaluation: Evaluation) -> Figures:
+    """The figures of one problem with the largest stresses of its bodies, if these move."""
+    if not evaluation.moves:
+        return figures
+    bodies = {}
+    for name, body in figures.bodies.items():
+        worst = worst_stress(problem.flexible[name], evaluation, name)
+        bodies[name] = replace(body, stress=worst.largest, place=worst.largest_position)
+    return replace(figures, bodies=bodies)
+
+
+class Verifiable(Enclosed):
+    """What a design encloses, with its verification."""
+
+    def verify(self, problem: Problem, evaluation: Evaluation, **options: Any) -> Verification:
+        """Evaluate a ``problem`` of one designed body with this in its place, see `verify`.
+
+        The ``evaluation`` is that of the design, the ``options`` are those of `verify`; a
+        ValueError if several bodies are designed.
+        """
+        validation.keywords(f"{self.kind}.verify", options, verify)
+        names = list(problem.flexible)
+        if len(names) != 1:
+            raise ValueError(
+                f"{self.kind}: the problem designs the bodies {sorted(names)}; verify them "
+                f"together by verify(problem, {{name: {self.kind}, ...}}, evaluation)"
+            )
+        return verify(problem, {names[0]: self}, evaluation, **options)
