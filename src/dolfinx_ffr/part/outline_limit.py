@@ -15,18 +15,17 @@ import shapely
 from ..arrays import Array
 from ..fem import VOID, FlatHole, SpatialHole, Tetrahedra
 from ..parallel import on_rank_0
-from .asked_sizes import PartViolation
+from .asked_sizes import TOLERANCE, TOLERANCE_IN_SPACE, PartViolation, place
 from .part import Part
 from .solid import Solid
 from .tetrahedral_cut import outer_faces
 
-#: Share of a minimum size by which a part may miss it, or leave the body
-_MISSED = 0.01
-#: The same of a solid, whose surface is one of flat triangles; and of the size of its body's cells
-_MISSED_IN_SPACE, _OF_CELLS = 0.03, 0.1
-#: Depths at which the rim of a hole in space, and the hole, are looked at
+#: Share of a cell by which the flat triangles of a solid may leave a body that is curved
+_CELL_TOLERANCE = 0.1
+#: Depths at which the rim of a hole in space, and the hole, are sampled: steps of less than the
+#: tolerance of its width
 _DEPTHS = 40
-#: Points on its walls from which they are looked at, at most
+#: Points on its walls from which they are sampled, at most
 _ON_WALLS = 400
 
 
@@ -42,40 +41,42 @@ def outline_violations(part: Part | Solid, rim: float, least: float) -> list[Par
         What and where. The share of material outside of the body is the depth to which it leaves
         the body, in minimum members; that of a rim is what is missing of its width.
     """
-    find = _in_the_plane if isinstance(part, Part) else _in_space
-    return list(find(part, rim, least))  # type: ignore[arg-type]
+    if isinstance(part, Part):
+        return list(_in_the_plane(part, rim, least))
+    return _in_space(part, rim, least)
 
 
 def _in_the_plane(part: Part, rim: float, least: float) -> Iterator[PartViolation]:
-    body, tolerance = part.body.outline, _MISSED * least
-    beyond = part.polygon.difference(body.buffer(tolerance))
-    for piece in [] if beyond.is_empty else shapely.get_parts(beyond):
-        corners = shapely.points(shapely.get_coordinates(piece))
-        radius = shapely.maximum_inscribed_circle(piece, 0.1 * tolerance)
-        depth = max(float(np.max(shapely.distance(corners, body))), radius.length + tolerance)
-        yield _outside(np.array(radius.coords[0]), depth, least)
+    body, tolerance = part.body.outline, TOLERANCE * least
+    outside = part.polygon.difference(body.buffer(tolerance))
+    for region in [] if outside.is_empty else shapely.get_parts(outside):
+        corners = shapely.points(shapely.get_coordinates(region))
+        inscribed = shapely.maximum_inscribed_circle(region, 0.1 * tolerance)  # a radius of it
+        depth = max(float(np.max(shapely.distance(corners, body))), inscribed.length + tolerance)
+        yield _outside(np.array(inscribed.coords[0]), depth, least)
 
     for hole in part.body.holes:
         assert isinstance(hole, FlatHole)
         missing = hole.shape.buffer(rim).intersection(body).difference(part.polygon)
-        # what is thinner than the accuracy of the curves is not missing
+        # a strip thinner than the accuracy of the curves is not missing
         missing = missing.buffer(-tolerance).buffer(tolerance)
         if not missing.is_empty:
             width = hole.shape.distance(missing)
-            if width < (1.0 - _MISSED) * rim:
+            if width < (1.0 - TOLERANCE) * rim:
                 yield _rim(hole.center, width, rim)
 
 
-def _in_space(solid: Solid, rim: float, least: float) -> Iterator[PartViolation]:
+def _in_space(solid: Solid, rim: float, least: float) -> list[PartViolation]:
     body = Tetrahedra.of(solid.body)
     holes = [hole for hole in solid.body.holes if isinstance(hole, SpatialHole)]
-    tolerance = max(_MISSED * least, _OF_CELLS * solid.body.cell_size)
+    tolerance = max(TOLERANCE * least, _CELL_TOLERANCE * solid.body.cell_size)
 
-    def find() -> list[PartViolation]:
+    def violations() -> list[PartViolation]:
         distances = _Distances(solid, _surface(body), holes)
         return [*distances.outside(least, tolerance), *distances.rims(rim)]
 
-    yield from on_rank_0(solid.body.comm, find)
+    result: list[PartViolation] = on_rank_0(solid.body.comm, violations)
+    return result
 
 
 class _Distances:
@@ -101,20 +102,20 @@ class _Distances:
 
     def outside(self, least: float, tolerance: float) -> Iterator[PartViolation]:
         """The point of the solid that is farthest outside of the body, and filled holes."""
-        away = self._from(self.body, self.solid.points)
-        farthest = int(np.argmax(away))
-        if away[farthest] > tolerance:
-            yield _outside(self.solid.points[farthest], float(away[farthest]), least)
+        depth = self._from(self.body, self.solid.points)
+        farthest = int(np.argmax(depth))
+        if depth[farthest] > tolerance:
+            yield _outside(self.solid.points[farthest], float(depth[farthest]), least)
         for hole in self.holes:
             across = float(np.linalg.norm(np.ptp(hole.box, axis=0)))
             lengths = across * np.linspace(0.0, 0.5, _DEPTHS + 1)[1:]
             points = self._rays(hole, lengths).reshape(-1, 3)
-            away = self._from(self.body, points)
+            depth = self._from(self.body, points)
             # another piece of the body may stand in the hole
-            empty = away > tolerance
-            filled = self._from(self.surface, points[empty]) < -tolerance
-            if np.any(filled):
-                yield _outside(hole.center, float(np.max(away[empty][filled])), least)
+            is_empty = depth > tolerance
+            is_filled = self._from(self.surface, points[is_empty]) < -tolerance
+            if np.any(is_filled):
+                yield _outside(hole.center, float(np.max(depth[is_empty][is_filled])), least)
 
     def rims(self, rim: float) -> Iterator[PartViolation]:
         """The holes whose rims are thinner than asked for."""
@@ -122,12 +123,12 @@ class _Distances:
         for hole in self.holes if rim > 0.0 else ():
             rays = self._rays(hole, -depths)
             points = rays.reshape(-1, 3)
-            tolerance = _MISSED_IN_SPACE * rim
-            within = self._from(self.body, points) < -tolerance
-            away = self._from(self.surface, points)
-            missing = within & (away > tolerance)
+            tolerance = TOLERANCE_IN_SPACE * rim
+            is_within_body = self._from(self.body, points) < -tolerance
+            beyond = self._from(self.surface, points)
+            missing = is_within_body & (beyond > tolerance)
             # the material ends where a point outside of it is near it
-            ends = np.tile(depths, len(rays)) - away
+            ends = np.tile(depths, len(rays)) - beyond
             width = max(float(np.min(ends[missing], initial=rim)), 0.0)
             if width < rim - tolerance:
                 yield _rim(hole.center, width, rim)
@@ -141,22 +142,20 @@ def _surface(body: Tetrahedra) -> Any:
     return pyvista.PolyData.from_regular_faces(body.points, triangles)
 
 
-def _outside(place: Array, depth: float, least: float) -> PartViolation:
-    said = (
-        f"material lies {1e3 * depth:.3g} mm outside of the body near {_near(place)}: take smaller "
+def _outside(position: Array, depth: float, least: float) -> PartViolation:
+    where = place(position)
+    sentence = (
+        f"material lies {1e3 * depth:.3g} mm outside of the body near {where}: take smaller "
         "elements, or leave the boundary to the mesh (boundary=0)"
     )
-    return PartViolation(f"material outside of the body near {_near(place)}", depth / least, said)
+    return PartViolation(f"material outside of the body near {where}", depth / least, sentence)
 
 
-def _rim(place: Array, width: float, rim: float) -> PartViolation:
-    said = (
-        f"the rim of the hole near {_near(place)} is {1e3 * width:.3g} mm wide, where "
+def _rim(center: Array, width: float, rim: float) -> PartViolation:
+    where = place(center)
+    sentence = (
+        f"the rim of the hole near {where} is {1e3 * width:.3g} mm wide, where "
         f"{1e3 * rim:.3g} mm were asked for: take smaller elements, another start or a larger "
         "volume, or ask for less (hole_rim)"
     )
-    return PartViolation(f"rim of the hole near {_near(place)}", 1.0 - width / rim, said)
-
-
-def _near(place: Array) -> str:
-    return "(" + ", ".join(f"{1e3 * x:.4g}" for x in place) + ") mm"
+    return PartViolation(f"rim of the hole near {where}", 1.0 - width / rim, sentence)

@@ -13,7 +13,7 @@ recognised, also of straight cells with vertices on a circle; other curved sides
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass, replace
@@ -59,26 +59,36 @@ from .widths import Width, member_widths, narrowest_gap, thinnest_member
 
 #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
 Outlines = list[list[list[Curve]]]
+#: The name of the interface of each curve of outlines, empty where there is none
+InterfacesOfCurves = list[list[list[str]]]
 
 #: How much finer lattices are tried where curves cross
-_FINER = (1, 2, 4)
-#: Accuracy of the polygons that stand for curves, and by which crossings are found, in spacings
-_ACCURACY, _CROSSING = 1e-3, 1e-4
-#: Size of the first triangles of order 2, in spacings
-_FIRST = 2.0
-#: Largest size of triangles in a member, in units of its width
+_FINER_LATTICES = (1, 2, 4)
+#: Distance between curves and the polygons that stand for them, in spacings
+_ACCURACY = 1e-3
+#: The same of the polygons by which crossings of curves are found, in spacings
+_CROSSING_ACCURACY = 1e-4
+#: Size of the first triangles of order 2 of a verification, in spacings
+_FIRST_SIZE = 2.0
+#: Largest size of triangles in a member, in units of its width: about two lie across it
 _ACROSS = 0.7
-#: Size of triangles in a notch, in units of its radius, and of those that tell its stress
-TURN, STRESSED = 0.25, 0.1
-#: Sizes that are tried where gmsh fails, in units of what was asked for
+#: Size of triangles in a notch, in units of its radius: its stress is within 5 %
+TURN = 0.25
+#: The same where the stress counts: it is within 1 %
+STRESSED = 0.1
+#: Sizes that are tried where gmsh fails, in units of the size that was asked for
 _SMALLER = (1.0, 0.5, 0.25)
-#: Smallest size of triangles, and accuracy of the polygons in which narrow members and notches are
-#: looked for, in units of what was asked for
-_SMALLEST, _FINE = 0.03, 2e-3
+#: Smallest size of triangles, in units of the size that was asked for, so that their number stays
+#: bounded
+_SMALLEST = 0.03
+#: Accuracy of the polygons by which narrow members and notches are found, likewise
+_LOCAL_ACCURACY = 2e-3
 #: Angle between sides of a polygon from which on it is a corner, rather than part of a curve
 _CORNER = 0.5
 #: A polygon with fewer sides than these may be the coarse mesh of a circle
 _FEW_SIDES = 10
+#: Points of each span of a spline at which its distance from the zero line is taken
+_PER_SPAN = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,14 +108,14 @@ class LoosePiece:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Findings(Findings):
-    """The boundary and warnings, found on rank 0 and sent to all ranks."""
+    """What rank 0 finds out about a part, its boundary above all."""
 
     drawing: Drawing  #: Designed and solid faces
     outlines: Outlines
-    interfaces: list[list[list[str]]]  #: Interface of each curve of the outlines, "" if none
+    interfaces: InterfacesOfCurves
     deviation: float  #: Largest distance of curves from the zero line [m]
     loose: list[LoosePiece]
-    crossing: str  #: Where curves cross, "" if they do not
+    crossing: str  #: Where curves cross [mm], empty if they do not
 
 
 class Part(Verifiable):
@@ -163,38 +173,46 @@ class Part(Verifiable):
         #: Of the polygons that stand for the curves [m]
         self.accuracy = _ACCURACY * self.spacing
         names = list(domain.interfaces)
-        for finer in _FINER:
+        for finer in _FINER_LATTICES:
             step = self.spacing / (finer * steps)
             lattice = Lattice.of(domain, step)
             find = partial(_find, lattice, field, self.spacing, step, share, names, self.web)
-            found: _Findings = on_rank_0(domain.comm, find)
-            if not found.crossing:
+            findings: _Findings = on_rank_0(domain.comm, find)
+            if not findings.crossing:
                 break
         else:
             raise CurveError(
-                f"part: curves cross near {found.crossing} mm, where members or gaps are thinner "
-                "than the lattice on which they are looked for; give a larger resolution, or take "
-                "a design without hairlines"
+                f"part: curves cross near {findings.crossing} mm, where members or gaps are "
+                "thinner than the lattice on which they are looked for; give a larger resolution, "
+                "or take a design without hairlines"
             )
-        self._findings: _Findings = found
+        self._findings: _Findings = findings
         #: Curves, and the faces between them in designed and solid cells
-        self.drawing = found.drawing
+        self.drawing = findings.drawing
         #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
-        self.outlines = found.outlines
+        self.outlines = findings.outlines
         self._warn()
 
     def redrawn(self, drawing: Drawing) -> Part:
         """The part of the same body between the curves of a ``drawing``, one piece in all."""
-        made = copy(self)
-        for name in ("_moments", "polygon", "thinnest_member", "narrowest_gap", "pockets"):
-            made.__dict__.pop(name, None)
-        around, names = _around(drawing, drawing.faces, self.accuracy, list(self.body.interfaces))
-        made.drawing, made.outlines = drawing, around
-        found = replace(self._findings, drawing=drawing, outlines=around, interfaces=names)
-        made._findings = replace(found, loose=[], deviation=0.0, loose_warning="")
-        # the curves are exact; the field that they came from is another one
-        made.field = lambda x: 2.0 * shapely.contains_xy(made.polygon, *np.transpose(x)) - 1.0
-        return made
+        part = copy(self)
+        for measured in ("_moments", "polygon", "thinnest_member", "narrowest_gap", "pockets"):
+            part.__dict__.pop(measured, None)
+        names = list(self.body.interfaces)
+        outlines, interfaces = _outlines_of_faces(drawing, drawing.faces, self.accuracy, names)
+        part.drawing, part.outlines = drawing, outlines
+        part._findings = replace(
+            self._findings,
+            drawing=drawing,
+            outlines=outlines,
+            interfaces=interfaces,
+            loose=[],
+            deviation=0.0,
+            loose_warning="",
+        )
+        # the field of the first part has another boundary
+        part.field = lambda x: 2.0 * shapely.contains_xy(part.polygon, *np.transpose(x)) - 1.0
+        return part
 
     @property
     def holes(self) -> int:
@@ -228,8 +246,8 @@ class Part(Verifiable):
     def interface(self, name: str) -> list[Curve]:
         """The curves that are the interface ``name``, which must be one of the body's."""
         validation.choice("part: interface", name, self.body.interfaces)
-        drawn = self.drawing
-        return [c for c, group in zip(drawn.curves, drawn.groups, strict=True) if group == name]
+        curves = zip(self.drawing.curves, self.drawing.groups, strict=True)
+        return [curve for curve, group in curves if group == name]
 
     def measures(self) -> dict[str, Width | int | None]:
         counts = {"holes": self.holes} | ({"pockets": len(self.pockets)} if self.web else {})
@@ -238,9 +256,11 @@ class Part(Verifiable):
     def _picture(self) -> str:
         left, low, right, high = self.polygon.bounds
         box = f"{left} {-high} {right - left} {high - low}"
-        drawn = self.polygon.svg((right - left) / 1000.0, "#8fa1b3", 1.0)
+        polygon = self.polygon.svg((right - left) / 1000.0, "#8fa1b3", 1.0)
         style = "display:block;overflow:visible;max-width:100%;width:36em"
-        return f'<svg viewBox="{box}" style="{style}"><g transform="scale(1 -1)">{drawn}</g></svg>'
+        return (
+            f'<svg viewBox="{box}" style="{style}"><g transform="scale(1 -1)">{polygon}</g></svg>'
+        )
 
     @cached_property
     def _moments(self) -> Array:
@@ -318,24 +338,25 @@ class Part(Verifiable):
 
     @property
     def _sheet(self) -> Sheet:
-        names, around = list(self.body.interfaces), (self.outlines, self._findings.interfaces)
+        outlines, interfaces = self.outlines, self._findings.interfaces
         pockets: list[list[Loop]] = []
         if self.pockets:
-            around = _around(
-                self.drawing, [*self.drawing.faces, *self.pockets], self.accuracy, names
-            )
-            curves = self.drawing.curves
+            faces, names = [*self.drawing.faces, *self.pockets], list(self.body.interfaces)
+            outlines, interfaces = _outlines_of_faces(self.drawing, faces, self.accuracy, names)
             pockets = [
-                [[(c, "") for c in walked(curves, loop)] for loop in face.loops]
+                [
+                    [(curve, "") for curve in walked(self.drawing.curves, loop)]
+                    for loop in face.loops
+                ]
                 for face in self.pockets
             ]
         pieces = [
             [list(zip(*loop, strict=True)) for loop in zip(*piece, strict=True)]
-            for piece in zip(*around, strict=True)
+            for piece in zip(outlines, interfaces, strict=True)
         ]
         return Sheet(
             pieces,
-            names,
+            list(self.body.interfaces),
             self.polygon,
             lambda: self.thickness,
             pockets=pockets,
@@ -344,7 +365,7 @@ class Part(Verifiable):
         )
 
     def sizes(self, size: float | None, count: int) -> list[float]:
-        first = _FIRST * self.spacing if size is None else size
+        first = _FIRST_SIZE * self.spacing if size is None else size
         return [first / 2**halving for halving in range(count)]
 
     def domain(
@@ -363,14 +384,22 @@ class Part(Verifiable):
         if turn < math.inf:
             validation.number("part: turn", turn, above=0.0)
         degree = validation.integer("part: order", order, least=1)
-        comm, faces = self.body.comm, [*self.drawing.faces, *self.pockets]
-        meshed = replace(self.drawing, faces=faces)
-        with gmsh_model() if comm.rank == 0 else nullcontext() as gmsh:
-            on_rank_0(comm, lambda: self._mesh(gmsh, meshed, size, degree, across, turn))
-            kept = [n for n in self.body.interfaces if n not in self.lost_interfaces]
-            how: dict[str, Any] = {"interfaces": kept, "order": degree}
-            how["centers"] = {n: self.body.interfaces[n].center.tolist() for n in kept}
-            return Domain.from_gmsh_model(comm, None if gmsh is None else gmsh.model, **how)
+        drawing = replace(self.drawing, faces=[*self.drawing.faces, *self.pockets])
+        with gmsh_model() if self.body.comm.rank == 0 else nullcontext() as gmsh:
+            on_rank_0(self.body.comm, lambda: self._mesh(gmsh, drawing, size, degree, across, turn))
+            centers = {
+                name: interface.center.tolist()
+                for name, interface in self.body.interfaces.items()
+                if name not in self.lost_interfaces
+            }
+            return self._read(gmsh, degree, centers)
+
+    def _read(self, gmsh: Any, order: int, centers: Mapping[str, Sequence[float]]) -> Domain:
+        """The mesh in a model of gmsh, which rank 0 has, with interfaces by their centres."""
+        model = None if gmsh is None else gmsh.model
+        return Domain.from_gmsh_model(
+            self.body.comm, model, interfaces=list(centers), order=order, centers=centers
+        )
 
     def in_space(self, size: float, order: int = 2) -> Domain:
         """The solid that its STEP file has, by tetrahedra, to verify the plane model by.
@@ -385,38 +414,40 @@ class Part(Verifiable):
         """
         validation.number("part: size", size, above=0.0, unit="m")
         degree = validation.integer("part: order", order, least=1)
-        comm, sheet = self.body.comm, self._sheet
-        kept = {n: self.interface(n) for n in self.body.interfaces if n not in self.lost_interfaces}
         self._material_for("its thickness")
-        with gmsh_model() if comm.rank == 0 else nullcontext() as gmsh:
-            on_rank_0(comm, lambda: mesh_solid(gmsh, sheet, kept, size))
-            centers = {name: [*self.body.interfaces[name].center, 0.0] for name in kept}
-            how: dict[str, Any] = {"interfaces": list(kept), "order": degree, "centers": centers}
-            return Domain.from_gmsh_model(comm, None if gmsh is None else gmsh.model, **how)
+        sheet, names = self._sheet, set(self.body.interfaces) - set(self.lost_interfaces)
+        walls = {name: self.interface(name) for name in self.body.interfaces if name in names}
+        with gmsh_model() if self.body.comm.rank == 0 else nullcontext() as gmsh:
+            on_rank_0(self.body.comm, lambda: mesh_solid(gmsh, sheet, walls, size))
+            centers = {name: [*self.body.interfaces[name].center, 0.0] for name in walls}
+            return self._read(gmsh, degree, centers)
 
     def resolved(self, size: float, order: int) -> Domain:
         return self.domain(size, order, turn=STRESSED)
 
     def _mesh(
-        self, gmsh: Any, meshed: Drawing, size: float, degree: int, across: float, turn: float
+        self, gmsh: Any, drawing: Drawing, size: float, degree: int, across: float, turn: float
     ) -> None:
-        check_size("part: the mesh", meshed, size)
-        for attempt in _SMALLER:
+        """Mesh a drawing in gmsh's model, with smaller triangles where gmsh fails."""
+        check_size("part: the mesh", drawing, size)
+        for factor in _SMALLER:
             try:
-                local = self._local_sizes(attempt * size, across, turn)
-                # alike where no cell needs to be small, which the last bits of curves may decide
-                how: dict[str, Any] = {"order": min(degree, 2), "local": local, "grow": True}
-                mesh_faces(gmsh, meshed, attempt * size, **how)
+                local = self._local_sizes(factor * size, across, turn)
+                # cells grow from curves on even where none is small, as the last bits of curves may
+                # decide that
+                mesh_faces(
+                    gmsh, drawing, factor * size, order=min(degree, 2), local=local, grow=True
+                )
                 return
             except ValueError:
-                if attempt == _SMALLER[-1]:
+                if factor == _SMALLER[-1]:
                     raise
             gmsh.model.remove()
             gmsh.model.add("dolfinx_ffr again")
 
     def _local_sizes(self, size: float, across: float, turn: float) -> LocalSizes | None:
         """Sizes in narrow members and in notches; None where there are none."""
-        fine = max(self.accuracy, _FINE * size)
+        fine = max(self.accuracy, _LOCAL_ACCURACY * size)
         rings = [polygon(loop, fine) for loops in self.outlines for loop in loops]
         # where members are wider than that, triangles are as large as anywhere
         positions, widths = member_widths(rings, 0.1 * size, min(1.5, 1.0 / across) * size)
@@ -424,7 +455,7 @@ class Part(Verifiable):
         if turn < math.inf:
             notches, radii = zip(*map(_notches, rings), strict=True)
             positions = np.vstack([positions, *notches])
-            sizes = np.concatenate([sizes, *(turn * each for each in radii)])
+            sizes = np.concatenate([sizes, *(turn * of_ring for of_ring in radii)])
         small = sizes < size
         if not np.any(small):
             return None
@@ -451,88 +482,99 @@ def _find(
     names: Sequence[str],
     web: float,
 ) -> _Findings:
+    """The boundary of a part on rank 0, from its field on a lattice."""
     assert lattice is not None  # on rank 0
     accuracy, segments = _ACCURACY * spacing, cut(lattice, field, spacing)
     sides = boundary(lattice, segments, field, step, share * spacing)
-    found = pieces(sides, accuracy)
+    all_pieces = pieces(sides, accuracy)
 
-    def lengths(points: Array, interface: Integers) -> dict[str, float]:
-        """Length of each interface, of chains (n, points, 2) on them."""
-        along = np.linalg.norm(np.diff(points, axis=1), axis=2).sum(axis=1)
-        on = interface >= 0
-        total = np.bincount(interface[on], along[on], len(names))
-        return dict(zip(names, total.tolist(), strict=True))
+    of_segment = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
+    lengths = _lengths(lattice.points[lattice.chains], lattice.interface, names)
+    lengths_of_pieces = _lengths(segments.points[segments.ends], of_segment, names)
+    attachment = attached(all_pieces, lengths, lengths_of_pieces, joined=web > 0.0)
+    of_part = [sides[i] for piece in attachment.pieces for i in piece.sides]
 
-    before = lengths(lattice.points[lattice.chains], lattice.interface)
-    of = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
-    left = lengths(segments.points[segments.ends], of)
-    stay, left_out, said = attached(found, before, left, joined=web > 0.0)
-    said += _polygonal([sides[i] for piece in stay for i in piece.sides], names)
-
-    around, interfaces = _curves_of(sides, stay, accuracy, names)
-    alone = [piece for piece in found if not piece.interfaces]
-    on_field = [sides[i].curve for piece in stay for i in piece.sides if sides[i].field]
+    around, interfaces = _outlines_of_pieces(sides, attachment.pieces, accuracy, names)
+    loose = [
+        LoosePiece(
+            piece.area, piece.center, _outlines_of_pieces(sides, [piece], accuracy, names)[0][0]
+        )
+        for piece in all_pieces
+        if not piece.interfaces
+    ]
     return _Findings(
         pieces=len(around),
-        drawing=drawing(sides, stay, names),
+        drawing=drawing(sides, attachment.pieces, names),
         outlines=around,
         interfaces=interfaces,
-        deviation=_deviation(on_field, field, spacing),
-        loose_warning=left_out,
-        warnings=said,
-        loose=[
-            LoosePiece(p.area, p.center, _curves_of(sides, [p], accuracy, names)[0][0])
-            for p in alone
-        ],
-        lost_interfaces=[name for name, length in left.items() if length == 0.0],
-        crossing=_crossing(around, _CROSSING * spacing),
+        deviation=_deviation([side.curve for side in of_part if side.field], field, spacing),
+        loose_warning=attachment.loose_warning,
+        warnings=attachment.warnings + _polygon_warnings(of_part, names),
+        loose=loose,
+        lost_interfaces=[name for name, length in lengths_of_pieces.items() if length == 0.0],
+        crossing=_crossing(around, _CROSSING_ACCURACY * spacing),
     )
 
 
-def _around(
+def _lengths(chains: Array, interface: Integers, names: Sequence[str]) -> dict[str, float]:
+    """The length of each interface [m], from chains (n, points, 2) and its number on each."""
+    along = np.linalg.norm(np.diff(chains, axis=1), axis=2).sum(axis=1)
+    on = interface >= 0
+    total = np.bincount(interface[on], along[on], len(names))
+    return dict(zip(names, total.tolist(), strict=True))
+
+
+def _outlines_of_faces(
     drawing: Drawing, faces: Sequence[Face], accuracy: float, names: Sequence[str]
-) -> tuple[Outlines, list[list[list[str]]]]:
+) -> tuple[Outlines, InterfacesOfCurves]:
     """The outlines of some faces of a drawing together, and the interface of each curve."""
     number = {name: i for i, name in enumerate(names)}
-    each = zip(drawing.curves, drawing.nodes, drawing.groups, strict=True)
-    sides = [Side(c, ends, DESIGN, VOID, number.get(n, -1), False) for c, ends, n in each]
-    whole = Piece([], faces, frozenset(), 0.0, np.zeros(2))
-    return _curves_of(sides, [whole], accuracy, names)
+    sides = [
+        Side(curve, nodes, DESIGN, VOID, number.get(group, -1), False)
+        for curve, nodes, group in zip(drawing.curves, drawing.nodes, drawing.groups, strict=True)
+    ]
+    piece = Piece([], faces, frozenset(), 0.0, np.zeros(2))
+    return _outlines_of_pieces(sides, [piece], accuracy, names)
 
 
-def _curves_of(
-    sides: Sequence[Side], kept: Sequence[Piece], accuracy: float, names: Sequence[str]
-) -> tuple[Outlines, list[list[list[str]]]]:
+def _outlines_of_pieces(
+    sides: Sequence[Side], pieces: Sequence[Piece], accuracy: float, names: Sequence[str]
+) -> tuple[Outlines, InterfacesOfCurves]:
     """The outlines of pieces, and the interface of each curve."""
-    bounds, known = outlines(sides, kept, accuracy), [*names, ""]  # -1 for none
+    bounds, known = outlines(sides, pieces, accuracy), [*names, ""]  # number -1 is the last one
     curves = [[[side.curve for side in loop] for loop in loops] for loops in bounds]
-    return curves, [[[known[s.interface] for s in loop] for loop in ls] for ls in bounds]
+    interfaces = [[[known[side.interface] for side in loop] for loop in loops] for loops in bounds]
+    return curves, interfaces
 
 
-def _polygonal(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
-    """What is said of interfaces that may be round bores, but whose mesh is too coarse for arcs."""
-    said = []
-    for n, name in enumerate(names):
-        own = [side for side in sides if side.interface == n]
-        closed = {side.nodes[0] for side in own} == {side.nodes[1] for side in own}
-        if closed and own and all(isinstance(side.curve, Line) for side in own):
-            if fit_circle(np.array([side.curve.start for side in own])) is not None:
-                few = len(own) < _FEW_SIDES
-                remedy = "give it ten elements around, or order=2" if few else "draw it as a circle"
-                said.append(
-                    f"the interface {name!r} is a polygon of {len(own)} sides, with its corners on "
-                    f"a circle: if it is a round bore, {remedy}"
+def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
+    """Warnings of interfaces that may be round bores, but whose mesh is too coarse for arcs."""
+    warnings = []
+    for number, name in enumerate(names):
+        wall = [side for side in sides if side.interface == number]
+        closed = {side.nodes[0] for side in wall} == {side.nodes[1] for side in wall}
+        if closed and wall and all(isinstance(side.curve, Line) for side in wall):
+            if fit_circle(np.array([side.curve.start for side in wall])) is not None:
+                is_coarse = len(wall) < _FEW_SIDES
+                remedy = (
+                    "give it ten elements around, or order=2"
+                    if is_coarse
+                    else "draw it as a circle"
                 )
-    return said
+                warnings.append(
+                    f"the interface {name!r} is a polygon of {len(wall)} sides, with its corners "
+                    f"on a circle: if it is a round bore, {remedy}"
+                )
+    return warnings
 
 
 def _polygons(around: Outlines, accuracy: float) -> shapely.MultiPolygon:
     rings = [[ring(loop, accuracy) for loop in loops] for loops in around]
-    return shapely.MultiPolygon([shapely.Polygon(first, rest) for first, *rest in rings])
+    return shapely.MultiPolygon([shapely.Polygon(outer, holes) for outer, *holes in rings])
 
 
 def _crossing(around: Outlines, accuracy: float) -> str:
-    """Where the curves of outlines cross [mm], "" if they do not."""
+    """Where the curves of outlines cross [mm], empty if they do not."""
     shape = _polygons(around, accuracy)
     if shape.is_valid:
         return ""
@@ -544,12 +586,13 @@ def _deviation(curves: Sequence[Curve], field: Field, spacing: float) -> float:
     """Largest distance of curves from the zero line of a field [m], corners left out."""
     if not curves:
         return 0.0
-    points = []
+    samples = []
     for curve in curves:
         knots = curve.breaks()
-        t = knots[:-1, None] + np.diff(knots)[:, None] * (np.arange(8) + 0.5) / 8
-        points.append(curve.at(t.ravel()))
-    x = np.vstack(points)
+        within_span = (np.arange(_PER_SPAN) + 0.5) / _PER_SPAN
+        t = knots[:-1, None] + np.diff(knots)[:, None] * within_span
+        samples.append(curve.at(t.ravel()))
+    x = np.vstack(samples)
     ends = np.array([end for curve in curves for end in (curve.start, curve.end)])
     x = x[cKDTree(ends).query(x)[0] > 0.1 * spacing]
     if not len(x):

@@ -27,37 +27,54 @@ class Piece:
     center: Array  #: (2,) of its area [m]
 
 
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """Which pieces touch an interface, and what a user must know of them."""
+
+    pieces: list[Piece]  #: Those that touch one, which the part is made of
+    loose_warning: str  #: Says that the other pieces are left out; empty if there are none
+    warnings: list[str]  #: All other warnings
+
+
 def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
     """The connected pieces between the sides of all regions, the largest first.
 
     The tolerance is that of the polygons by which holes are found in their faces [m].
     """
-    faces: list[tuple[Face, Array]] = []
+    faces, moments = _faces(sides, tolerance)
+    faces_at: dict[int, list[int]] = {}  # by the number of a side
+    for number, face in enumerate(faces):
+        for loop in face.loops:
+            for side, _ in loop:
+                faces_at.setdefault(side, []).append(number)
+    neighbours = np.array([[at[0], at[-1]] for at in faces_at.values()]).reshape(-1, 2)
+    label = connected(neighbours, len(faces))
+
+    result = []
+    for piece in range(label.max(initial=-1) + 1):
+        members = np.flatnonzero(label == piece)
+        bounds = sorted({i for f in members for loop in faces[f].loops for i, _ in loop})
+        interfaces = frozenset(sides[i].interface for i in bounds) - {-1}
+        area, *moment = np.sum([moments[f] for f in members], axis=0)
+        center = np.array(moment) / area
+        result.append(Piece(bounds, [faces[f] for f in members], interfaces, area, center))
+    return sorted(result, key=lambda piece: -piece.area)
+
+
+def _faces(sides: Sequence[Side], tolerance: float) -> tuple[list[Face], list[Array]]:
+    """The faces between sides, and the area and the first moments of each, (3,)."""
+    faces, moments = [], []
     for kind, group in _GROUPS.items():
         forward = [i for i, side in enumerate(sides) if side.left == kind]
         backward = [i for i, side in enumerate(sides) if side.right == kind]
-        around = [sides[i] for i in forward] + [sides[i].reversed() for i in backward]
         numbers = [(i, True) for i in forward] + [(i, False) for i in backward]
-        closed = _loops(around)
-        curves = [[around[i].curve for i in loop] for loop in closed]
+        directed = [sides[i] for i in forward] + [sides[i].reversed() for i in backward]
+        loops = _loops(directed)
+        curves = [[directed[i].curve for i in loop] for loop in loops]
         for nest in nested(curves, tolerance):
-            moments = np.sum([enclosed(curves[n]) for n in nest], axis=0)
-            faces.append((Face(group, [[numbers[i] for i in closed[n]] for n in nest]), moments))
-    of_side: dict[int, list[int]] = {}
-    for f, (face, _) in enumerate(faces):
-        for i in (i for loop in face.loops for i, _ in loop):
-            of_side.setdefault(i, []).append(f)
-    pairs = np.array([[fs[0], fs[-1]] for fs in of_side.values()]).reshape(-1, 2)
-    label = connected(pairs, len(faces))
-    found = []
-    for number in range(label.max(initial=-1) + 1):
-        mine = np.flatnonzero(label == number)
-        moments = np.sum([faces[f][1] for f in mine], axis=0)
-        around_it = sorted({i for f in mine for loop in faces[f][0].loops for i, _ in loop})
-        touched = frozenset(sides[i].interface for i in around_it) - {-1}
-        center = moments[1:] / moments[0]
-        found.append(Piece(around_it, [faces[f][0] for f in mine], touched, moments[0], center))
-    return sorted(found, key=lambda piece: -piece.area)
+            faces.append(Face(group, [[numbers[i] for i in loops[n]] for n in nest]))
+            moments.append(np.sum([enclosed(curves[n]) for n in nest], axis=0))
+    return faces, moments
 
 
 def _loops(sides: Sequence[Side]) -> list[list[int]]:
@@ -66,97 +83,102 @@ def _loops(sides: Sequence[Side]) -> list[list[int]]:
 
 
 def outlines(
-    sides: Sequence[Side], kept: Sequence[Piece], tolerance: float
+    sides: Sequence[Side], pieces: Sequence[Piece], tolerance: float
 ) -> list[list[list[Side]]]:
     """The boundary of pieces: for each the outer loop, then its holes."""
-    walked = [each for p in kept for face in p.faces for loop in face.loops for each in loop]
-    both = set(walked)
-    # what bounds one face alone, from this face
-    outer = [
+    around = [step for p in pieces for face in p.faces for loop in face.loops for step in loop]
+    walked_both_ways = set(around)
+    # a side that bounds one face alone, seen from this face
+    bounds = [
         sides[i] if forward else sides[i].reversed()
-        for i, forward in walked
-        if (i, not forward) not in both
+        for i, forward in around
+        if (i, not forward) not in walked_both_ways
     ]
-    closed = [[outer[i] for i in loop] for loop in _loops(outer)]
-    nests = nested([[side.curve for side in loop] for loop in closed], tolerance)
-    return [[closed[i] for i in nest] for nest in nests]
+    loops = [[bounds[i] for i in loop] for loop in _loops(bounds)]
+    nests = nested([[side.curve for side in loop] for loop in loops], tolerance)
+    return [[loops[i] for i in nest] for nest in nests]
 
 
-def drawing(sides: Sequence[Side], kept: Sequence[Piece], names: Sequence[str]) -> Drawing:
+def drawing(sides: Sequence[Side], pieces: Sequence[Piece], names: Sequence[str]) -> Drawing:
     """The pieces as faces between numbered curves, with the names of their interfaces."""
-    number = {i: n for n, i in enumerate(i for piece in kept for i in piece.sides)}
-    chosen = [sides[i] for i in number]
+    number = {i: n for n, i in enumerate(i for piece in pieces for i in piece.sides)}
+    drawn = [sides[i] for i in number]
     return Drawing(
-        curves=[side.curve for side in chosen],
-        nodes=[side.nodes for side in chosen],
-        groups=["" if side.interface < 0 else names[side.interface] for side in chosen],
+        curves=[side.curve for side in drawn],
+        nodes=[side.nodes for side in drawn],
+        groups=["" if side.interface < 0 else names[side.interface] for side in drawn],
         faces=[
-            Face(face.group, [[(number[i], way) for i, way in loop] for loop in face.loops])
-            for piece in kept
+            Face(face.group, [[(number[i], forward) for i, forward in loop] for loop in face.loops])
+            for piece in pieces
             for face in piece.faces
         ],
     )
 
 
 def attached(
-    found: Sequence[Piece],
+    pieces: Sequence[Piece],
     lengths: Mapping[str, float],
-    kept: Mapping[str, float],
+    lengths_of_pieces: Mapping[str, float],
     *,
     joined: bool = False,
-) -> tuple[list[Piece], str, list[str]]:
-    """The pieces that touch an interface, what is said of the others, and other warnings.
+) -> Attachment:
+    """The pieces that touch an interface; a ValueError where nothing connects interfaces.
 
-    A ValueError where nothing connects interfaces. The lengths of interfaces [m] in the body and in
-    the pieces are by name, in their order. Where a web has ``joined`` all pieces, all stay.
+    The lengths of interfaces [m], in the body and in the pieces, are by name, in their order. Where
+    a web has ``joined`` all, no piece is alone.
     """
     names = list(lengths)
-    stay = [piece for piece in found if joined or piece.interfaces]
-    if not any(piece.interfaces for piece in stay):
+    touching = [piece for piece in pieces if piece.interfaces]
+    if not touching:
         raise ShapeError(
             f"part: no piece of the material touches an interface ({', '.join(map(repr, names))}); "
             "is the field positive in the material?"
         )
-    left_out, said = "", []
-    if loose := [piece for piece in found if piece not in stay]:
-        shown = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
-        more = ", ..." if len(loose) > 5 else ""
-        left_out = (
-            f"{len(loose)} loose pieces touch no interface and are left out: {shown}{more}; the "
-            "part has less material than the design"
+    loose_warning, warnings = "", []
+    if loose := [piece for piece in pieces if not piece.interfaces]:
+        listed = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
+        ellipsis = ", ..." if len(loose) > 5 else ""
+        loose_warning = (
+            f"{len(loose)} loose pieces touch no interface and are left out: {listed}{ellipsis}; "
+            "the part has less material than the design"
         )
-    if lost := [name for name in names if kept[name] == 0.0]:
-        said.append(
+    remaining = {name: lengths_of_pieces[name] / lengths[name] for name in names}
+    if lost := [name for name, share in remaining.items() if share == 0.0]:
+        warnings.append(
             f"the interfaces {', '.join(map(repr, lost))} are left without material; make the "
             "cells at them solid, or leave them out of the mechanism"
         )
-    if cut := [n for n in names if 0.0 < kept[n] < (1.0 - 1e-6) * lengths[n]]:
-        shown = ", ".join(f"{100 * kept[n] / lengths[n]:.3g} % of {n!r}" for n in cut)
-        said.append(
-            f"of some interfaces only a share is left, {shown}; make the cells at them solid to "
+    if cut := {name: share for name, share in remaining.items() if 0.0 < share < 1.0 - 1e-6}:
+        listed = ", ".join(f"{100 * share:.3g} % of {name!r}" for name, share in cut.items())
+        warnings.append(
+            f"of some interfaces only a share is left, {listed}; make the cells at them solid to "
             "keep all of it"
         )
-    if joined:
-        return stay, left_out, said
-    pairs = np.array([(i, len(names) + k) for k, p in enumerate(stay) for i in p.interfaces])
-    label = connected(pairs, len(names) + len(stay))
+    if not joined:
+        _check_connected(touching, names)
+    if not joined and len(touching) > 1:
+        warnings.append(
+            f"the material is in {len(touching)} pieces that only interfaces hold together, the "
+            f"smallest of {1e6 * touching[-1].area:.3g} mm2 near {_point(touching[-1].center)}"
+        )
+    return Attachment(touching, loose_warning, warnings)
+
+
+def _check_connected(pieces: Sequence[Piece], names: Sequence[str]) -> None:
+    """Refuse pieces, all of which touch interfaces, that do not connect these."""
+    pairs = np.array([(i, len(names) + k) for k, p in enumerate(pieces) for i in p.interfaces])
+    label = connected(pairs, len(names) + len(pieces))
     groups: dict[int, list[str]] = {}
     for i in np.unique(pairs[:, 0]):
         groups.setdefault(int(label[i]), []).append(repr(names[i]))
     if len(groups) > 1:
-        shown = " with ".join(" and ".join(group) for group in groups.values())
+        listed = " with ".join(" and ".join(group) for group in groups.values())
         raise ShapeError(
-            f"part: no material connects the interfaces {shown}; the design is torn, gray, or "
+            f"part: no material connects the interfaces {listed}; the design is torn, gray, or "
             "too thin for the distance at which the field is given (more iterations, thicker "
             "members)"
         )
-    if len(stay) > 1:
-        said.append(
-            f"the material is in {len(stay)} pieces that only interfaces hold together, the "
-            f"smallest of {1e6 * stay[-1].area:.3g} mm2 near {_point(stay[-1].center)}"
-        )
-    return stay, left_out, said
 
 
-def _point(where: Array) -> str:
-    return f"({1e3 * where[0]:.4g}, {1e3 * where[1]:.4g}) mm"
+def _point(position: Array) -> str:
+    return f"({1e3 * position[0]:.4g}, {1e3 * position[1]:.4g}) mm"
