@@ -11,9 +11,10 @@ import numpy as np
 
 from ..arrays import Array, Integers, Mask
 from ..fem import Arc, Curve, Line, nearest_circle
-from .cut import Lattice, Segments
+from .cut import Segments
 from .field import Field, turns
 from .fitting import corners, fitted, followed, thinned
+from .lattice import Lattice
 
 #: Nodes along a chain, and its marks
 Chain = tuple[list[int], Integers]
@@ -24,9 +25,12 @@ _STRAIGHT = 1e-6
 _ROUND = 0.65
 #: Distance of vertices from the circle that they are on, in units of its radius
 _ON_CIRCLE = 1e-5
-#: Fewest straight sides of the mesh that make a circle, and fewest curved ones
-_FEWEST, _FEWEST_CURVED = 4, 2
-#: Vertices nearer to each other than this, in units of the sides of triangles, say little
+#: Fewest straight sides of the mesh that make a circle: any three points are on one
+_FEWEST = 4
+#: Fewest sides with a node in the middle that make a circle
+_FEWEST_CURVED = 2
+#: Zeros nearer to each other, in units of the sides of triangles, are thinned out: their direction
+#: is that of the lattice
 _THIN = 0.35
 
 
@@ -56,21 +60,25 @@ def boundary(
     from the ends of its segments.
     """
     primitive, circles = _primitives(lattice)
-    on = np.where(segments.edge < 0, -1, primitive[segments.edge])
-    interface = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
-    marks = np.column_stack([segments.left, segments.right, on, interface])
+    on_field = segments.edge < 0
+    on_primitive = np.where(on_field, -1, primitive[segments.edge])
+    interface = np.where(on_field, -1, lattice.interface[segments.edge])
+    marks = np.column_stack([segments.left, segments.right, on_primitive, interface])
     points = segments.points.copy()
     chains = list(_chains(segments.ends, marks))
     _onto_circles(points, chains, circles, step)
+
     sides = []
-    numbers = count(len(points))  # of corners of the zero line
+    corner_numbers = count(len(points))
+    curves: Iterable[tuple[tuple[int, int], Curve]]
     for chain, mark in chains:
-        left, right, which, name = (int(m) for m in mark)
-        if which < 0:
-            found = _zero_line(points, chain, segments.zero, numbers, field, step, tolerance)
+        left, right, number, name = (int(m) for m in mark)
+        if number < 0:
+            zero = segments.zero
+            curves = _zero_line(points, chain, zero, corner_numbers, field, step, tolerance)
         else:
-            found = [_side_of_mesh(points, chain, circles.get(which), lattice, tolerance)]
-        sides += [Side(curve, nodes, left, right, name, which < 0) for nodes, curve in found]
+            curves = [_side_of_mesh(points, chain, circles.get(number), lattice, tolerance)]
+        sides += [Side(curve, nodes, left, right, name, number < 0) for nodes, curve in curves]
     return sides
 
 
@@ -78,29 +86,30 @@ def _onto_circles(
     points: Array, chains: Sequence[Chain], circles: dict[int, Array], step: float
 ) -> None:
     """Move the ends of chains from chords onto their circles, straight on along the zero line."""
-    along: dict[int, Array] = {}
+    directions: dict[int, Array] = {}  # of the zero line where it ends, by the node
     for chain, mark in chains:
         if mark[2] < 0 and chain[0] != chain[-1]:
-            for way in (chain, chain[::-1]):
-                far = [n for n in way[1:] if np.hypot(*(points[n] - points[way[0]])) > _THIN * step]
-                ray = points[way[0]] - points[far[0] if far else way[-1]]
-                along[way[0]] = ray / max(float(np.hypot(*ray)), 1e-300)
+            for end, *inner in (chain, chain[::-1]):
+                lengths = np.linalg.norm(points[inner] - points[end], axis=1)
+                clear = np.flatnonzero(lengths > _THIN * step)
+                ray = points[end] - points[inner[clear[0] if len(clear) else -1]]
+                directions[end] = ray / max(float(np.hypot(*ray)), 1e-300)
     for chain, mark in chains:
         circle = circles.get(int(mark[2]))
         if circle is None:
             continue
         for node in {chain[0], chain[-1]}:
-            out = points[node] - circle[:2]
-            normal = out / np.hypot(*out)
-            ray = along.get(node, normal)
-            # |out + s ray| = radius, the solution nearer to the chord
-            b, c = float(ray @ out), float(out @ out) - circle[2] ** 2
+            radial = points[node] - circle[:2]
+            normal = radial / np.hypot(*radial)
+            ray = directions.get(node, normal)
+            # |radial + s ray| = radius, the solution nearer to the chord
+            b, c = float(ray @ radial), float(radial @ radial) - circle[2] ** 2
             if abs(ray @ normal) > 0.2 and b * b > c:
                 root = np.sqrt(b * b - c)
                 s = min(-b - root, -b + root, key=abs)
-                out = out + s * ray
+                radial = radial + s * ray
             # on the circle to the last bit
-            points[node] = circle[:2] + circle[2] / np.hypot(*out) * out
+            points[node] = circle[:2] + circle[2] / np.hypot(*radial) * radial
 
 
 def _side_of_mesh(
@@ -120,7 +129,7 @@ def _zero_line(
     points: Array,
     chain: list[int],
     zero: Mask,
-    numbers: Iterator[int],
+    corner_numbers: Iterator[int],
     field: Field,
     step: float,
     tolerance: float,
@@ -128,26 +137,30 @@ def _zero_line(
     """The curves of a chain along the zero line, with the nodes at their ends."""
     x, closed = points[chain], chain[0] == chain[-1]
     # where short segments were contracted, a point is near the zero line, but not on it
-    exact = zero[chain]
-    exact[[0, -1]] = True
-    if np.count_nonzero(exact) > 3:
-        x = x[exact]
-    kept = thinned(x, _THIN * step)
-    at: list[int] = []
-    if len(kept) > 4:
-        kept, at = corners(kept, field, closed=closed)
-    if closed and not at:
-        yield (chain[0], chain[0]), followed(kept, field, tolerance, closed=True)
+    is_exact = zero[chain]
+    is_exact[[0, -1]] = True
+    if np.count_nonzero(is_exact) > 3:
+        x = x[is_exact]
+    x = thinned(x, _THIN * step)
+    at_corners: list[int] = []
+    if len(x) > 4:
+        x, at_corners = corners(x, field, closed=closed)
+    if closed and not at_corners:
+        yield (chain[0], chain[0]), followed(x, field, tolerance, closed=True)
         return
     if closed:  # begin at a corner
-        kept = np.vstack([kept[at[0] : -1], kept[: at[0] + 1]])
-        at = [i - at[0] for i in at[1:]]
-    cuts = [0, *at, len(kept) - 1]
+        first_corner = at_corners[0]
+        x = np.vstack([x[first_corner:-1], x[: first_corner + 1]])
+        at_corners = [i - first_corner for i in at_corners[1:]]
+    cuts = [0, *at_corners, len(x) - 1]
     # corners are nodes of their own
-    inner = [next(numbers) for _ in cuts]
-    inner[0], inner[-1] = (inner[0], inner[0]) if closed else (chain[0], chain[-1])
-    for nodes, (first, last) in zip(pairwise(inner), pairwise(cuts), strict=True):
-        yield nodes, followed(kept[first : last + 1], field, tolerance)
+    nodes_at_cuts = [next(corner_numbers) for _ in cuts]
+    if closed:
+        nodes_at_cuts[-1] = nodes_at_cuts[0]
+    else:
+        nodes_at_cuts[0], nodes_at_cuts[-1] = chain[0], chain[-1]
+    for nodes, (first, last) in zip(pairwise(nodes_at_cuts), pairwise(cuts), strict=True):
+        yield nodes, followed(x[first : last + 1], field, tolerance)
 
 
 def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
@@ -160,10 +173,10 @@ def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
     circles: dict[int, Array] = {}
     low, high = lattice.sides.min(axis=1), lattice.sides.max(axis=1)
     marks = np.column_stack([low, high, lattice.interface])[features]
-    of = {frozenset(map(int, lattice.edges[e])): int(e) for e in features}
+    edge_between = {frozenset(map(int, lattice.edges[e])): int(e) for e in features}
     middle = lattice.chains.shape[1] // 2
     for chain, _ in _chains(lattice.edges[features], marks, directed=False):
-        edges = np.array([of[frozenset(pair)] for pair in pairwise(chain)])
+        edges = np.array([edge_between[frozenset(pair)] for pair in pairwise(chain)])
         x = lattice.points[chain]
         halves = lattice.points[lattice.chains[edges, middle]]
         bulge = np.linalg.norm(halves - 0.5 * (x[1:] + x[:-1]), axis=1)
@@ -215,15 +228,15 @@ def _longest_circle(
         return first + 1, None
     points, stride = x[first : end + 1], 1
     if curved:
-        stride, both = 2, np.empty((2 * (end - first) + 1, 2))
-        both[::2], both[1::2] = points, halves[first:end]
-        points = both
+        stride, with_halves = 2, np.empty((2 * (end - first) + 1, 2))
+        with_halves[::2], with_halves[1::2] = points, halves[first:end]
+        points = with_halves
     seed = _circle(points[: stride * fewest + 1])
     if seed is None:
         return first + 1, None
     distance = np.abs(np.hypot(*(points - seed[:2]).T) - seed[2])
-    on = distance < 10.0 * _ON_CIRCLE * seed[2]
-    count = len(on) if np.all(on) else int(np.argmin(on))
+    is_on_it = distance < 10.0 * _ON_CIRCLE * seed[2]
+    count = len(is_on_it) if np.all(is_on_it) else int(np.argmin(is_on_it))
     sides = (count - 1) // stride
     circle = _circle(points[: stride * sides + 1]) if sides >= fewest else None
     return (first + 1, None) if circle is None else (first + sides, circle)
@@ -231,8 +244,8 @@ def _longest_circle(
 
 def _circle(x: Array) -> Array | None:
     """Centre and radius of the circle on which points are, None if there is none."""
-    found = nearest_circle(x, _ON_CIRCLE)
-    return None if found is None else np.array([*found[0], found[1]])
+    circle = nearest_circle(x, _ON_CIRCLE)
+    return None if circle is None else np.array([*circle[0], circle[1]])
 
 
 def _chains(ends: Integers, marks: Integers, *, directed: bool = True) -> Iterable[Chain]:
@@ -240,33 +253,39 @@ def _chains(ends: Integers, marks: Integers, *, directed: bool = True) -> Iterab
 
     The first node of a closed one is its last, too. Directed segments are only walked forwards.
     """
-    at: dict[int, list[int]] = {}
-    for i, (a, b) in enumerate(ends.tolist()):
-        at.setdefault(a, []).append(i)
-        at.setdefault(b, []).append(i)
     pairs, keys = ends.tolist(), [tuple(mark) for mark in marks.tolist()]
+    segments_at: dict[int, list[int]] = {}
+    for i, pair in enumerate(pairs):
+        for node in pair:
+            segments_at.setdefault(node, []).append(i)
 
     def follows(node: int, segment: int) -> int | None:
         """The segment after another one, where nothing ends."""
-        met = at[node]
-        if len(met) != 2:
+        at_node = segments_at[node]
+        if len(at_node) != 2:
             return None
-        other = met[0] if met[1] == segment else met[1]
-        return other if keys[other] == keys[segment] else None
+        following = at_node[0] if at_node[1] == segment else at_node[1]
+        return following if keys[following] == keys[segment] else None
 
-    left, most = set(range(len(pairs))), 1 if directed else 2
-    starts = [i for i, pair in enumerate(pairs) for n in pair[:most] if follows(n, i) is None]
+    unused = set(range(len(pairs)))
+    ends_to_start_at = 1 if directed else 2
+    starts = [
+        i
+        for i, pair in enumerate(pairs)
+        for node in pair[:ends_to_start_at]
+        if follows(node, i) is None
+    ]
     for start in [*starts, *range(len(pairs))]:
-        if start not in left:
+        if start not in unused:
             continue
-        left.discard(start)
+        unused.discard(start)
         a, b = pairs[start]
         if follows(a, start) is not None and follows(b, start) is None and not directed:
             a, b = b, a
         chain, segment = [a, b], start
-        while (after := follows(chain[-1], segment)) is not None and after in left:
-            left.discard(after)
-            p, q = pairs[after]
+        while (following := follows(chain[-1], segment)) is not None and following in unused:
+            unused.discard(following)
+            p, q = pairs[following]
             chain.append(q if p == chain[-1] else p)
-            segment = after
+            segment = following
         yield chain, marks[start]

@@ -3,8 +3,8 @@
 
 Each triangle of a designed cell is material where the field, linear on its sides, is positive;
 triangles of solid cells are material. The sides of all pieces, directed with material on the left,
-cancel where two pieces meet; what is left bounds the material. It is closed whatever the field is,
-and follows the sides of the mesh to the last bit.
+cancel where two pieces meet; the others bound the material. Their line is closed whatever the field
+is, and follows the sides of the mesh to the last bit.
 """
 
 from __future__ import annotations
@@ -12,150 +12,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mpi4py import MPI
-
-import basix
 import numpy as np
 
 from ..arrays import Array, Integers, Mask
-from ..fem import Domain, _compat, connected
-from ..limits import check_count
-from ..parallel import announce, on_every_rank
-from .field import Field, cross, evaluated, refuse_zero, zeros_between
+from ..fem import connected
+from .field import Field, evaluated, refuse_zero, zeros_between
+from .lattice import DESIGN, SOLID, VOID, Lattice
 
 #: Values of less than this distance from the zero line count as material, in units of the spacing
 _SNAP = 1e-3
 #: Shorter segments are contracted, in units of the longest side of a triangle
 _SHORT = 0.02
-#: Most points, which take a minute without those of the field
-MOST_POINTS = 20_000_000
-#: Memory that a point takes, at least [bytes]
-_BYTES = 300
-#: What a cell is: outside of the body or empty for ever, designed, material for ever
-VOID, DESIGN, SOLID = 0, 1, 2
-
-
-@dataclass(frozen=True, eq=False)
-class Lattice:
-    """Points in and on all cells, triangles between them, and the edges of the mesh.
-
-    Cells share the points on common edges. The cells stand in the order in which the mesh was made,
-    so that nothing depends on the number of ranks.
-    """
-
-    points: Array  #: (points, 2) [m]
-    triangles: Integers  #: (triangles, 3) points, counterclockwise
-    kinds: Integers  #: (triangles,) VOID, DESIGN or SOLID
-    edges: Integers  #: (edges, 2) points at the ends of each edge of the mesh
-    chains: Integers  #: (edges, n + 1) points along each edge, from the first to the second end
-    sides: Integers  #: (edges, 2) kinds of the cells at an edge, VOID where there is none
-    interface: Integers  #: (edges,) number of the interface, -1 where there is none
-    curved: bool  #: Whether the geometry of the mesh is of a higher order than 1
-
-    @staticmethod
-    def of(domain: Domain, largest: float) -> Lattice | None:
-        """The lattice of a body on rank 0, None elsewhere.
-
-        ``largest`` is the length of the longest side of a triangle in straight cells [m].
-        """
-        announce(domain.comm, "the boundary of a part")
-        mesh, n = domain.mesh, domain.n_cells
-        kind = getattr(basix.CellType, _compat.cell_name(mesh))
-        ends = np.array(basix.topology(kind)[1])
-        nodes = _compat.cell_geometry(mesh)[:n]
-        x = mesh.geometry.x[nodes][:, :, :2]
-        sides = np.linalg.norm(x[:, ends[:, 0]] - x[:, ends[:, 1]], axis=2)
-        longest = domain.comm.allreduce(float(np.max(sides, initial=0.0)), MPI.MAX)
-        with on_every_rank(domain.comm, "part"), np.errstate(over="ignore"):
-            count = domain.n_cells_global * float(np.float64(longest / largest + 1.0) ** 2)
-            what = f"points of a lattice of {largest:.4g} m"
-            remedy = "give a larger spacing [m], or a smaller resolution"
-            share = 0.5 if len(ends) == 3 else 1.0
-            check_count("part", share * count, what, remedy, each=_BYTES, most=MOST_POINTS)
-        facets = mesh.topology.connectivity(2, 1).array.reshape(-1, len(ends))[:n]
-        interface = np.full(facets.shape, -1, dtype=np.int64)
-        for i, part in enumerate(domain.interfaces.values()):
-            interface[np.isin(facets, part.facets)] = i
-        own = (
-            np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)[nodes],
-            x,
-            np.select([domain.void_cells, domain.solid_cells], [VOID, SOLID], DESIGN),
-            interface,
-        )
-        every = [domain.on_rank_0(values) for values in own]
-        degree = int(_compat.coordinate_element(mesh).degree)
-        return None if domain.comm.rank else _lattice(kind, degree, largest, *every)
-
-
-def _lattice(
-    kind: basix.CellType,
-    degree: int,
-    largest: float,
-    nodes: Integers,
-    x: Array,
-    kinds: Integers,
-    marks: Integers,
-) -> Lattice:
-    reference = basix.geometry(kind)[:, :2]
-    corners, ends = len(reference), np.array(basix.topology(kind)[1])
-    vertices = np.unique(nodes[:, :corners], return_inverse=True)[1].reshape(-1, corners)
-    straight = np.linalg.norm(x[:, ends[:, 0]] - x[:, ends[:, 1]], axis=2)
-    # an even number, so that the pattern of a quadrilateral is its own mirror image
-    n = 2 * max(1, int(np.ceil(0.5 * float(straight.max()) / largest - 1e-9)))
-    where, pattern = _pattern(corners, n)
-    element = basix.create_element(
-        basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
-    )
-    table = np.asarray(element.tabulate(0, where / n)).reshape(len(where), -1)
-    positions = np.einsum("pn,cnd->cpd", table, x)
-
-    pairs = vertices[:, ends].reshape(-1, 2)
-    turned = pairs[:, 0] > pairs[:, 1]
-    edges, edge = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
-    edge, turned = edge.reshape(-1, len(ends)), turned.reshape(-1, len(ends))
-    count = int(vertices.max()) + 1
-    inner = count + np.arange(len(edges) * (n - 1)).reshape(len(edges), n - 1)
-    chains = np.column_stack([edges[:, 0], inner, edges[:, 1]])
-    numbers = np.full((len(nodes), len(where)), -1, dtype=np.int64)
-    for i, (a, b) in enumerate(reference[ends]):
-        steps = np.rint(n * (a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a))).astype(int)
-        on = [int(np.flatnonzero(np.all(where == step, axis=1))[0]) for step in steps]
-        along = chains[edge[:, i]]
-        numbers[:, on] = np.where(turned[:, i, None], along[:, ::-1], along)
-    rest = np.flatnonzero(numbers[0] < 0)
-    total = count + inner.size
-    numbers[:, rest] = total + np.arange(len(nodes) * len(rest)).reshape(len(nodes), -1)
-    points = np.empty((total + len(nodes) * len(rest), 2))
-    points[numbers] = positions
-
-    triangles = numbers[:, pattern]
-    turn = cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) < 0.0
-    triangles[turn] = triangles[turn][:, :, ::-1]
-    flat = edge.ravel()
-    met = np.argsort(flat, kind="stable")
-    first = np.searchsorted(flat[met], np.arange(len(edges)))
-    sides = np.zeros((len(edges), 2), dtype=np.int64)
-    sides[flat[met], np.arange(len(met)) - first[flat[met]]] = np.repeat(kinds, len(ends))[met]
-    interface = np.full(len(edges), -1, dtype=np.int64)
-    np.maximum.at(interface, flat, marks.ravel())
-    triangles, kinds = triangles.reshape(-1, 3), np.repeat(kinds, len(pattern))
-    return Lattice(points, triangles, kinds, edges, chains, sides, interface, degree > 1)
-
-
-def _pattern(corners: int, n: int) -> tuple[Integers, Integers]:
-    """Lattice points of the reference cell times n, and the triangles between them."""
-    triangle = corners == 3
-    where = [(i, j) for j in range(n + 1) for i in range(n + 1 - j if triangle else n + 1)]
-    number = {place: k for k, place in enumerate(where)}
-    found = []
-    for i, j in where:
-        square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-        a, b, c, d = (number.get(place) for place in square)
-        if triangle:
-            found += [t for t in ([a, b, d], [b, c, d]) if None not in t]
-        elif None not in (a, b, c, d):
-            found += [[a, b, c], [a, c, d]] if (i + j) % 2 else [[a, b, d], [b, c, d]]
-    return np.array(where, dtype=np.int64), np.array(found, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +53,8 @@ def cut(lattice: Lattice, field: Field, spacing: float) -> Segments:
     triangles, points = lattice.triangles, lattice.points
     values = evaluated(field, points)
     refuse_zero("part", values, triangles[lattice.kinds == DESIGN])
-    # sides of all triangles, each once
+
+    # sides of all triangles, once each, from a to b
     sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     pairs, side = np.unique(_keys(sides, len(points)), return_inverse=True)
     a, b = pairs // len(points), pairs % len(points)
@@ -194,35 +62,46 @@ def cut(lattice: Lattice, field: Field, spacing: float) -> Segments:
     slope = np.zeros(len(points))
     np.maximum.at(slope, a, np.abs(values[b] - values[a]) / length)
     np.maximum.at(slope, b, np.abs(values[b] - values[a]) / length)
-    inside = values >= -_SNAP * spacing * slope
+    is_inside = values >= -_SNAP * spacing * slope
 
-    crossed = inside[a] != inside[b]
-    root = np.full(len(pairs), -1, dtype=np.int64)
-    root[crossed] = len(points) + np.arange(np.count_nonzero(crossed))
-    p, q = a[crossed], b[crossed]
+    # zeros on the sides with one end inside
+    is_crossed = is_inside[a] != is_inside[b]
+    zero_on = np.full(len(pairs), -1, dtype=np.int64)
+    zero_on[is_crossed] = len(points) + np.arange(np.count_nonzero(is_crossed))
+    p, q = a[is_crossed], b[is_crossed]
     share = zeros_between(field, points[p], points[q], values[p], values[q])[:, None]
     nodes = np.vstack([points, points[p] + share * (points[q] - points[p])])
 
     side, edge = side.reshape(-1, 3), _edge_of(pairs, lattice)
-    there = lattice.kinds != VOID
+    in_body = lattice.kinds != VOID
     around = _around(
-        triangles[there], root[side[there]], edge[side[there]], inside, lattice.kinds[there]
+        triangles[in_body],
+        zero_on[side[in_body]],
+        edge[side[in_body]],
+        is_inside,
+        lattice.kinds[in_body],
     )
-    left = _left_over(around, len(nodes))
+    bounds = _without_opposites(around, len(nodes))
+
     # a mesh vertex, or else a point on the mesh, stays where a short segment is contracted
     rank = np.full(len(nodes), 3)
-    rank[len(points) :][edge[crossed] >= 0] = 2
+    rank[len(points) :][edge[is_crossed] >= 0] = 2
     rank[lattice.chains.ravel()] = 1
     rank[lattice.edges.ravel()] = 0
-    ends = _contracted(nodes, left.ends, rank, _SHORT * float(length.max()))[left.ends]
+    ends = _contracted(nodes, bounds.ends, rank, _SHORT * float(length.max()))[bounds.ends]
     stays = ends[:, 0] != ends[:, 1]
-    left = _left_over(Directed(ends[stays], left.edge[stays], left.kind[stays]), len(nodes))
-    # each once: where designed and solid cells meet, the designed one stays
-    keys, design = _keys(left.ends, len(nodes)), left.kind == DESIGN
-    stays = design | ~np.isin(keys, keys[design])
-    right = np.where(design & np.isin(keys, keys[~design]), SOLID, VOID)
-    zero = np.concatenate([np.zeros(len(points), dtype=bool), values[p] * values[q] < 0.0])
-    return Segments(nodes, left.ends[stays], left.kind[stays], right[stays], left.edge[stays], zero)
+    contracted = Directed(ends[stays], bounds.edge[stays], bounds.kind[stays])
+    bounds = _without_opposites(contracted, len(nodes))
+
+    # where designed and solid cells meet, both have a segment, and the designed one stays
+    keys, is_design = _keys(bounds.ends, len(nodes)), bounds.kind == DESIGN
+    stays = is_design | ~np.isin(keys, keys[is_design])
+    beside_solid = is_design & np.isin(keys, keys[~is_design])
+    right = np.where(beside_solid, SOLID, VOID)
+    is_zero = np.concatenate([np.zeros(len(points), dtype=bool), values[p] * values[q] < 0.0])
+    return Segments(
+        nodes, bounds.ends[stays], bounds.kind[stays], right[stays], bounds.edge[stays], is_zero
+    )
 
 
 def _keys(ends: Integers, count: int) -> Integers:
@@ -242,36 +121,38 @@ def _edge_of(pairs: Integers, lattice: Lattice) -> Integers:
 
 
 def _around(
-    corner: Integers, on: Integers, edge: Integers, inside: Mask, kind: Integers
+    corner: Integers, zero_on: Integers, edge: Integers, is_inside: Mask, kind: Integers
 ) -> Directed:
     """The sides of the material in triangles of some kinds, material on the left.
 
     Corners, zeros on the sides (-1 for none) and edges of the mesh have the shape (triangles, 3);
-    ``inside`` tells where the field is positive.
+    ``is_inside`` tells where the field is positive.
     """
-    design = kind == DESIGN
-    full = inside[corner] | ~design[:, None]
-    found, marks, kinds = [], [], []
+    is_design = kind == DESIGN
+    is_material = is_inside[corner] | ~is_design[:, None]
+    ends, edges, kinds = [], [], []
     for i in range(3):
         j = (i + 1) % 3
-        p, q, r, edges = corner[:, i], corner[:, j], on[:, i], edge[:, i]
-        parts = [
-            (p, q, edges, (r < 0) & full[:, i] & full[:, j]),
-            (p, r, edges, (r >= 0) & full[:, i]),
-            (r, q, edges, (r >= 0) & full[:, j]),
+        p, q, zero, on_edge = corner[:, i], corner[:, j], zero_on[:, i], edge[:, i]
+        at_p, at_q, is_cut = is_material[:, i], is_material[:, j], zero >= 0
+        parts_of_side = [
+            (p, q, on_edge, ~is_cut & at_p & at_q),
+            (p, zero, on_edge, is_cut & at_p),
+            (zero, q, on_edge, is_cut & at_q),
         ]
         # from where the zero line leaves the side of the material to where it comes back
-        leaves = design & (r >= 0) & full[:, i] & ~full[:, j]
-        for back in (on[:, j], on[:, (i + 2) % 3]):
-            parts.append((r, back, np.full_like(edges, -1), leaves & (back >= 0)))
-        for start, end, mark, there in parts:
-            found.append(np.column_stack([start, end])[there])
-            marks.append(mark[there])
-            kinds.append(kind[there])
-    return Directed(np.vstack(found), np.concatenate(marks), np.concatenate(kinds))
+        leaves = is_design & is_cut & at_p & ~at_q
+        for back in (zero_on[:, j], zero_on[:, (i + 2) % 3]):
+            within = np.full_like(on_edge, -1)
+            parts_of_side.append((zero, back, within, leaves & (back >= 0)))
+        for start, end, mark, chosen in parts_of_side:
+            ends.append(np.column_stack([start, end])[chosen])
+            edges.append(mark[chosen])
+            kinds.append(kind[chosen])
+    return Directed(np.vstack(ends), np.concatenate(edges), np.concatenate(kinds))
 
 
-def _left_over(directed: Directed, count: int) -> Directed:
+def _without_opposites(directed: Directed, count: int) -> Directed:
     """Directed sides without opposite pairs of the same kind, which cancel."""
     ends = directed.ends
     keys = directed.kind * count**2 + _keys(ends, count)
@@ -287,8 +168,8 @@ def _left_over(directed: Directed, count: int) -> Directed:
 
 def _contracted(nodes: Array, ends: Integers, rank: Integers, shortest: float) -> Integers:
     """The node that each node becomes where segments below a length are contracted."""
-    short = np.linalg.norm(nodes[ends[:, 1]] - nodes[ends[:, 0]], axis=1) < shortest
-    label = connected(ends[short], len(nodes))
+    is_short = np.linalg.norm(nodes[ends[:, 1]] - nodes[ends[:, 0]], axis=1) < shortest
+    label = connected(ends[is_short], len(nodes))
     order = np.lexsort((np.arange(len(nodes)), rank, label))
     first = np.searchsorted(label[order], np.arange(label.max(initial=-1) + 1))
     return np.asarray(order[first][label])

@@ -72,7 +72,7 @@ class Sheet:
 
     @property
     def pocket_loops(self) -> list[Loop]:
-        """Those of the pockets."""
+        """All loops around the floors of pockets and their islands, made likewise."""
         return _whole_curves(self.pockets)
 
     @property
@@ -87,16 +87,16 @@ def _whole_curves(pieces: Sequence[Sequence[Loop]]) -> list[Loop]:
 
 def write(part: Sheet, path: str | Path, unit: str, comm: MPI.Comm) -> list[Path]:
     """Write a part, see `Enclosed.write`."""
-    given = validation.path("part: file", path)
+    target = validation.path("part: file", path)
     validation.choice("part: unit", unit, UNITS)
-    suffix = "" if on_rank_0(comm, given.is_dir) else given.suffix.lower()
+    suffix = "" if on_rank_0(comm, target.is_dir) else target.suffix.lower()
     suffix = {".stp": ".step"}.get(suffix, suffix)
     if suffix and suffix not in _WRITERS:
         raise ValueError(
-            f"part: {str(given)!r} ends in {given.suffix!r}; parts are written as "
+            f"part: {str(target)!r} ends in {target.suffix!r}; parts are written as "
             f"{', '.join(_WRITERS)}, or all of them into a folder, whose name has no ending"
         )
-    files = {suffix: given} if suffix else {kind: given / f"part{kind}" for kind in _WRITERS}
+    files = {suffix: target} if suffix else {kind: target / f"part{kind}" for kind in _WRITERS}
     if {".step", ".stl"} & set(files) or part.pockets:
         part.thickness()  # says what is missing
 
@@ -124,20 +124,20 @@ def _joined(loop: Loop) -> Loop:
     if len(loop) < 2:
         return loop
     first = next((i for i in range(len(loop)) if _common(loop[i - 1], loop[i]) is None), 0)
-    found = [loop[first]]
-    for each in [*loop[first + 1 :], *loop[:first]]:
-        both = _common(found[-1], each)
-        if both is None:
-            found.append(each)
+    joined = [loop[first]]
+    for curve, interface in [*loop[first + 1 :], *loop[:first]]:
+        common = _common(joined[-1], (curve, interface))
+        if common is None:
+            joined.append((curve, interface))
         else:
-            found[-1] = (both, each[1])
-    return found
+            joined[-1] = (common, interface)
+    return joined
 
 
 def _common(one: tuple[Curve, str], other: tuple[Curve, str]) -> Curve | None:
     """The line or arc that two that follow each other make up, if they do."""
-    (a, group), (b, of_b) = one, other
-    if group != of_b:
+    (a, interface_of_a), (b, interface_of_b) = one, other
+    if interface_of_a != interface_of_b:
         return None
     if isinstance(a, Line) and isinstance(b, Line):
         d, e = a.end - a.start, b.end - b.start
@@ -145,9 +145,10 @@ def _common(one: tuple[Curve, str], other: tuple[Curve, str]) -> Curve | None:
         if abs(d[0] * e[1] - d[1] * e[0]) < 1e-9 * along and d @ e > 0.0:
             return Line(a.start, b.end)
     if isinstance(a, Arc) and isinstance(b, Arc) and a.sweep * b.sweep > 0.0:
-        same = np.hypot(*(a.center - b.center)) < 1e-9 * a.radius
+        is_concentric = np.hypot(*(a.center - b.center)) < 1e-9 * a.radius
+        is_one_circle = is_concentric and abs(a.radius - b.radius) < 1e-9 * a.radius
         sweep = a.sweep + b.sweep
-        if same and abs(a.radius - b.radius) < 1e-9 * a.radius and abs(sweep) < 2 * np.pi - 1e-6:
+        if is_one_circle and abs(sweep) < 2 * np.pi - 1e-6:
             return Arc(a.start, b.end, a.center, sweep)
     return None
 
@@ -166,8 +167,8 @@ def _write_svg(part: Sheet, path: Path, unit: str) -> None:
     milled = path_of(part.pocket_loops)
     marks = {}
     for name in part.interfaces:
-        own = [curve for loop in loops for curve, group in loop if group == name]
-        marks[name] = " ".join(_svg_path([curve], scale) for curve in own)
+        wall = [curve for loop in loops for curve, interface in loop if interface == name]
+        marks[name] = " ".join(_svg_path([curve], scale) for curve in wall)
     paths = "".join(f"<path id={quoteattr(n)} d={quoteattr(d)} />" for n, d in marks.items() if d)
     path.write_text(
         _SVG.format(
@@ -189,23 +190,25 @@ def _svg_path(curves: Sequence[Curve], scale: float) -> str:
     def at(*points: Array) -> str:
         return " ".join(f"{scale * x:.15g},{-scale * y:.15g}" for x, y in points)
 
-    found = [f"M {at(curves[0].start)}"]
+    commands = [f"M {at(curves[0].start)}"]
     for curve in curves:
         if isinstance(curve, Line):
-            found.append(f"L {at(curve.end)}")
+            commands.append(f"L {at(curve.end)}")
         elif isinstance(curve, Arc):
             for piece in curve.pieces():
                 radius = f"{scale * piece.radius:.15g}"
                 # counterclockwise with y upwards
-                found.append(f"A {radius} {radius} 0 0 {int(piece.sweep < 0.0)} {at(piece.end)}")
+                clockwise = int(piece.sweep < 0.0)
+                commands.append(f"A {radius} {radius} 0 0 {clockwise} {at(piece.end)}")
         elif isinstance(curve, Spline):
             ends = curve.breaks()
             p, d = curve.at(ends), curve.slope(ends)
             p[-1] = curve.end
             third = np.diff(ends)[:, None] / 3.0
-            after, before = p[:-1] + third * d[:-1], p[1:] - third * d[1:]
-            found += [f"C {at(*each)}" for each in zip(after, before, p[1:], strict=True)]
-    return " ".join(found)
+            first, second = p[:-1] + third * d[:-1], p[1:] - third * d[1:]
+            controls = zip(first, second, p[1:], strict=True)
+            commands += [f"C {at(*points)}" for points in controls]
+    return " ".join(commands)
 
 
 def layer(name: str) -> str:
@@ -231,19 +234,20 @@ def _write_dxf(part: Sheet, path: Path, unit: str) -> None:
         drawing.layers.add(milled, color=8)
         drawn += [(curve, milled) for loop in part.pocket_loops for curve, _ in loop]
     for curve, name in drawn:
-        how = {"layer": name}
+        attributes = {"layer": name}
         if isinstance(curve, Line):
-            space.add_line(scale * curve.start, scale * curve.end, dxfattribs=how)
+            space.add_line(scale * curve.start, scale * curve.end, dxfattribs=attributes)
         elif isinstance(curve, Arc):
             center, radius = scale * curve.center, scale * curve.radius
-            first = curve if curve.sweep > 0.0 else curve.reversed()
-            if abs(first.sweep - 2.0 * np.pi) < 1e-9:
-                space.add_circle(center, radius, dxfattribs=how)
+            anticlockwise = curve if curve.sweep > 0.0 else curve.reversed()
+            first_angle, sweep = anticlockwise.angle, anticlockwise.sweep
+            if abs(sweep - 2.0 * np.pi) < 1e-9:
+                space.add_circle(center, radius, dxfattribs=attributes)
             else:
-                start, end = np.degrees([first.angle, first.angle + first.sweep])
-                space.add_arc(center, radius, start, end, dxfattribs=how)
+                start, end = np.degrees([first_angle, first_angle + sweep])
+                space.add_arc(center, radius, start, end, dxfattribs=attributes)
         elif isinstance(curve, Spline):
-            spline = space.add_spline(degree=curve.degree, dxfattribs=how)
+            spline = space.add_spline(degree=curve.degree, dxfattribs=attributes)
             spline.control_points = scale * np.pad(curve.control, ((0, 0), (0, 1)))
             spline.knots = curve.knots.tolist()
     drawing.saveas(path)
@@ -267,18 +271,15 @@ def _whole(pieces: Sequence[Sequence[Loop]], *, whole_splines: bool = False) -> 
     for rings in pieces:
         loops = []
         for ring in rings:
-            joined = [
-                part
-                for curve, _ in _joined([(curve, "") for curve, _ in _with_lines(ring)])
-                for part in (
-                    curve.polynomials()
-                    if isinstance(curve, Spline) and not whole_splines
-                    else [curve]
-                )
-            ]
-            loops.append([(len(curves) + i, True) for i in range(len(joined))])
-            curves += joined
-            nodes += [(node(curve.start), node(curve.end)) for curve in joined]
+            in_ring: list[Curve] = []
+            for curve, _ in _joined([(curve, "") for curve, _ in _with_lines(ring)]):
+                if isinstance(curve, Spline) and not whole_splines:
+                    in_ring += curve.polynomials()
+                else:
+                    in_ring.append(curve)
+            loops.append([(len(curves) + i, True) for i in range(len(in_ring))])
+            curves += in_ring
+            nodes += [(node(curve.start), node(curve.end)) for curve in in_ring]
         faces.append(Face(PART, loops))
     return Drawing(curves, nodes, [""] * len(curves), faces)
 

@@ -14,8 +14,7 @@ from ..fem import ShapeError
 #: Of positions (n, d) [m], gives (n,) numbers
 Field = Callable[[Array], Array]
 
-#: Steps at most by which zeros are found: every fourth one halves a bracket, from which round-off
-#: is 50 halvings away at most, and the others are much faster on smooth fields
+#: Most steps by which zeros are found; every fourth halves the bracket, whatever the field is
 _STEPS = 60
 #: Points at which a field is evaluated at once, so that memory stays small
 _BLOCK = 100_000
@@ -70,7 +69,7 @@ def zeros_between(field: Field, a: Array, b: Array, at_a: Array, at_b: Array) ->
             break
         i = active
         u = t[i] - g[i] * (t[i] - s[i]) / (g[i] - f[i])
-        if step % 4 == 3:  # whatever the field is, the bracket gets shorter
+        if step % 4 == 3:
             u = 0.5 * (s[i] + t[i])
         value = evaluated(field, a[i] + u[:, None] * (b[i] - a[i]))
         crossed = value * g[i] < 0.0

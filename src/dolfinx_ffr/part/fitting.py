@@ -24,13 +24,13 @@ _AXES = np.eye(2)
 
 
 def thinned(points: Array, least: float) -> Array:
-    """Points (n, 2) of a chain without those nearer than ``least`` to the one before, ends kept."""
-    kept = [0]
+    """Both ends of a chain of points (n, 2), and those between that are ``least`` apart [m]."""
+    chosen = [0]
     for i in range(1, len(points) - 1):
         near_end = np.hypot(*(points[-1] - points[i])) < least
-        if not near_end and np.hypot(*(points[i] - points[kept[-1]])) >= least:
-            kept.append(i)
-    return points[[*kept, len(points) - 1]]
+        if not near_end and np.hypot(*(points[i] - points[chosen[-1]])) >= least:
+            chosen.append(i)
+    return points[[*chosen, len(points) - 1]]
 
 
 def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[int]]:
@@ -45,38 +45,41 @@ def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[i
     turn = turns(d)
     n, shift = len(points) - 1, 1 if closed else 0
     # side i + 1 of the ring, between the vertices i + 1 and i + 2, with the sides i and i + 2
-    both = np.abs(turn[:-1] + turn[1:])
+    turn_at_side = np.abs(turn[:-1] + turn[1:])
     sharp = (np.abs(turn) > _CORNER).nonzero()[0] + 1 - shift
-    candidate = np.flatnonzero(both > _CORNER)
+    candidate = np.flatnonzero(turn_at_side > _CORNER)
     # a chain that turns back on itself has sides that never meet
-    apart = np.abs(cross(d[candidate], d[candidate + 2]))
+    area = np.abs(cross(d[candidate], d[candidate + 2]))
     lengths = np.linalg.norm(d[candidate], axis=1) * np.linalg.norm(d[candidate + 2], axis=1)
-    candidate = candidate[apart > 1e-3 * lengths]
+    candidate = candidate[area > 1e-3 * lengths]
     cut_off, added = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
     if len(candidate):
         p, q = ring[candidate + 1], ring[candidate + 2]
-        before, after = d[candidate], d[candidate + 2]
-        s = cross(q - p, after) / cross(before, after)
-        meet = p + s[:, None] * before
-        ahead = (s > 0.0) & (np.einsum("ij,ij->i", q - meet, after) > 0.0)
-        near = np.linalg.norm(meet - p, axis=1) < 2.0 * np.linalg.norm(q - p, axis=1)
-        there, middle = np.abs(evaluated(field, np.vstack([meet, 0.5 * (p + q)]))).reshape(2, -1)
-        accepted = ahead & near & (there < 0.2 * middle)
+        side_before, side_after = d[candidate], d[candidate + 2]
+        s = cross(q - p, side_after) / cross(side_before, side_after)
+        meeting = p + s[:, None] * side_before
+        ahead = (s > 0.0) & (np.einsum("ij,ij->i", q - meeting, side_after) > 0.0)
+        near = np.linalg.norm(meeting - p, axis=1) < 2.0 * np.linalg.norm(q - p, axis=1)
+        values = np.abs(evaluated(field, np.vstack([meeting, 0.5 * (p + q)])))
+        at_meeting, at_middle = values.reshape(2, -1)
+        accepted = ahead & near & (at_meeting < 0.2 * at_middle)
         # of neighbours the side that turns most
         for i in np.flatnonzero(accepted):
             beside = accepted & (np.abs(candidate - candidate[i]) == 1)
-            accepted[i] = not np.any(both[candidate[beside]] > both[candidate[i]])
+            turns_more = turn_at_side[candidate[beside]] > turn_at_side[candidate[i]]
+            accepted[i] = not np.any(turns_more)
         sides = candidate[accepted] + 1
         if closed:
             sides = (sides - shift) % n
         cut_off, first = np.unique(sides, return_index=True)
-        added = meet[accepted][first]
+        added = meeting[accepted][first]
     ends = np.concatenate([cut_off, cut_off + 1])
     if closed:
         ends, sharp = ends % n, sharp % n
     sharp = np.setdiff1d(sharp, ends)
-    at = [*(sharp + np.searchsorted(cut_off, sharp)), *(cut_off + 1 + np.arange(len(cut_off)))]
-    return np.insert(points, cut_off + 1, added, axis=0), sorted(map(int, at))
+    at_sharp = sharp + np.searchsorted(cut_off, sharp)
+    at_added = cut_off + 1 + np.arange(len(cut_off))
+    return np.insert(points, cut_off + 1, added, axis=0), sorted(map(int, [*at_sharp, *at_added]))
 
 
 def followed(points: Array, field: Field, tolerance: float, *, closed: bool = False) -> Curve:
@@ -86,19 +89,19 @@ def followed(points: Array, field: Field, tolerance: float, *, closed: bool = Fa
     it closes.
     """
     # the line may pass through a corner of the lattice, which two of its cells then find
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * tolerance
-    points = points[np.append(True, apart)] if np.any(apart) else points
+    is_new = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * tolerance
+    points = points[np.append(True, is_new)] if np.any(is_new) else points
     for _ in range(_ROUNDS if len(points) > (6 if closed else 3) else 0):
-        at = _chord_lengths(points)
-        through = make_interp_spline(at, points, k=3, bc_type="periodic" if closed else None)
-        between = through(0.5 * (at[1:] + at[:-1]))
+        u = _chord_lengths(points)
+        spline = make_interp_spline(u, points, k=3, bc_type="periodic" if closed else None)
+        between = spline(0.5 * (u[1:] + u[:-1]))
         step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        on_it = projected(between, field, 0.2 * step)
-        off = np.linalg.norm(on_it - between, axis=1)
-        more = (off > tolerance) & (off < 0.2 * step)
-        if not np.any(more):
+        zeros = projected(between, field, 0.2 * step)
+        distance = np.linalg.norm(zeros - between, axis=1)
+        is_off = (distance > tolerance) & (distance < 0.2 * step)
+        if not np.any(is_off):
             break
-        points = np.insert(points, np.flatnonzero(more) + 1, on_it[more], axis=0)
+        points = np.insert(points, np.flatnonzero(is_off) + 1, zeros[is_off], axis=0)
     return fitted(points, tolerance, closed=closed)
 
 
@@ -107,18 +110,18 @@ def projected(points: Array, field: Field, reach: Array) -> Array:
 
     They are no farther than ``reach`` (n,) [m]; differences are taken over a thousandth of it.
     """
-    found = points.copy()
+    x = points.copy()
     h = 1e-3 * reach[:, None]
     for _ in range(2):
-        around = [found, *(found + side * h * e for e in _AXES for side in (1.0, -1.0))]
+        around = [x, *(x + side * h * e for e in _AXES for side in (1.0, -1.0))]
         value, right, left, up, down = evaluated(field, np.vstack(around)).reshape(5, -1)
         slope = np.column_stack([right - left, up - down]) / (2.0 * h)
         size = np.einsum("ij,ij->i", slope, slope)
         steps = np.where(size > 0.0, value / np.where(size > 0.0, size, 1.0), 0.0)
         # no farther than asked for, where the slope is next to nothing
-        most = reach / np.sqrt(np.where(size > 0.0, size, 1.0))
-        found = found - np.clip(steps, -most, most)[:, None] * slope
-    return found
+        longest = reach / np.sqrt(np.where(size > 0.0, size, 1.0))
+        x = x - np.clip(steps, -longest, longest)[:, None] * slope
+    return x
 
 
 def _chord_lengths(points: Array) -> Array:
@@ -169,6 +172,6 @@ def _clamped(spline: BSpline, start: Array, end: Array) -> Spline:
     k = spline.k
     inner = spline.t[(spline.t > 1e-12) & (spline.t < 1.0 - 1e-12)]
     knots = np.concatenate([np.zeros(k + 1), inner, np.ones(k + 1)])
-    found = Spline.of(spline, knots, k)
-    found.control[0], found.control[-1] = start, end
-    return found
+    clamped = Spline.of(spline, knots, k)
+    clamped.control[0], clamped.control[-1] = start, end
+    return clamped

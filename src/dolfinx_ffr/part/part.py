@@ -47,11 +47,12 @@ from ..fem import (
 )
 from ..parallel import on_rank_0
 from .boundary import Side, boundary
-from .cut import DESIGN, VOID, Lattice, cut
+from .cut import cut
 from .enclosed import Findings
 from .export import Loop, Sheet, write
 from .field import Field, evaluated
 from .in_space import mesh_solid
+from .lattice import DESIGN, VOID, Lattice
 from .pieces import Piece, attached, drawing, outlines, pieces
 from .pockets import pocket_faces
 from .verify import Verifiable

@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import Array
 from ..fem import Drawing, Face, ShapeError, connected, directed_loops, enclosed, nested
 from .boundary import Side
-from .cut import DESIGN, SOLID
+from .lattice import DESIGN, SOLID
 
 _GROUPS = {DESIGN: "design", SOLID: "solid"}
 

@@ -25,11 +25,11 @@ def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> li
         ShapeError: If a pocket is open at the outline or at a hole of the body.
     """
     around = [side for face in drawing.faces for loop in face.loops for side in loop]
-    both = set(around)
-    # what bounds one face alone, with that face on the right
-    sides = [(i, not forward) for i, forward in around if (i, not forward) not in both]
+    walked_both_ways = set(around)
+    # a side that bounds one face alone, with that face on the right
+    sides = [(i, not forward) for i, forward in around if (i, not forward) not in walked_both_ways]
     curves = walked(drawing.curves, sides)
-    nodes = [drawing.nodes[i] if way else drawing.nodes[i][::-1] for i, way in sides]
+    nodes = [drawing.nodes[i] if forward else drawing.nodes[i][::-1] for i, forward in sides]
     loops = directed_loops(curves, nodes)
     accuracy = 0.01 * _STRIP * spacing
 

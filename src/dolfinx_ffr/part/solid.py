@@ -41,9 +41,9 @@ from .widths import Width
 
 #: Files that can be written
 _KINDS = (".stl", ".ply", ".vtp", ".obj")
-#: How fine the surface is, see `Tetrahedra.of`, by the body's cells
-_SURFACE = {"hexahedron": 1, "tetrahedron": 0}
-#: Most cavities whose places are told
+#: How often cells are divided for the surface, by their kind, see `Tetrahedra.of`
+_DIVISIONS = {"hexahedron": 1, "tetrahedron": 0}
+#: Most cavities whose places are listed
 _PLACES = 3
 #: Spacing of the samples by which members and gaps are looked for, by the size of the body's cells
 _SAMPLES = 0.25
@@ -59,12 +59,12 @@ class Cavity:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Findings(Findings):
-    """The surface and warnings, found on rank 0 and sent to all ranks."""
+    """What rank 0 finds out about a solid, its surface above all."""
 
     points: Array  #: (points, 3) vertices of the surface [m]
     triangles: Integers  #: (triangles, 3)
     volume: float  #: [m^3]
-    loose: list[float]  #: Volumes of what is left out [m^3]
+    loose: list[float]  #: Volumes of the pieces that are left out [m^3]
     cavities: list[Cavity]
 
 
@@ -109,15 +109,18 @@ class Solid(Verifiable):
         surface: float | None = None,
     ) -> None:
         self._set_arguments(domain, field, material, "on")
-        for what, given, most in (("size", size, np.inf), ("surface", surface, size or np.inf)):
-            if given is not None:
-                validation.number(f"solid: {what}", given, above=0.0, most=most, unit="m")
-        self._first = 0 if size is None else self._finer(size)
-        seen = surface or size
-        self._kept: dict[int, Tetrahedra] = {}  # cut once for the surface and the mesh
-        self._findings: _Findings = self._cut(self._finer(seen) if seen else _SURFACE[domain.cell])[
-            1
-        ]
+        if size is not None:
+            validation.number("solid: size", size, above=0.0, unit="m")
+        if surface is not None:
+            largest = size or np.inf
+            validation.number("solid: surface", surface, above=0.0, most=largest, unit="m")
+        self._first_division = 0 if size is None else self._division(size)
+        # of the first division, which is cut for the surface and for the mesh
+        self._cuts: dict[int, Tetrahedra] = {}
+        surface_size = surface or size
+        self._findings: _Findings = self._cut(
+            self._division(surface_size) if surface_size else _DIVISIONS[domain.cell]
+        )[1]
         #: Vertices of the surface, shape (points, 3) [m]
         self.points = self._findings.points
         #: Vertices of each triangle, anticlockwise from outside, shape (triangles, 3)
@@ -171,10 +174,10 @@ class Solid(Verifiable):
         return pyvista.PolyData.from_regular_faces(self.points, self.triangles)
 
     def _write(self, path: str | Path, *, unit: str = "mm") -> list[Path]:
-        given = validation.path("solid: file", path)
+        target = validation.path("solid: file", path)
         validation.choice("solid: unit", unit, UNITS)
-        folder = on_rank_0(self.body.comm, given.is_dir) or not given.suffix
-        file = given / "solid.stl" if folder else given
+        is_folder = on_rank_0(self.body.comm, target.is_dir) or not target.suffix
+        file = target / "solid.stl" if is_folder else target
         if file.suffix.lower() not in _KINDS:
             raise ValueError(
                 f"solid: the kind {file.suffix!r} of {str(file)!r} is not known; end the name in "
@@ -193,7 +196,7 @@ class Solid(Verifiable):
         return [file]
 
     def sizes(self, size: float | None, count: int) -> list[float]:
-        first = self._first if size is None else self._finer(size)
+        first = self._first_division if size is None else self._division(size)
         Tetrahedra.check(self.body, first + count - 1)
         return [Tetrahedra.size(self.body, first + i) for i in range(count)]
 
@@ -207,130 +210,132 @@ class Solid(Verifiable):
         """
         validation.number("solid: size", size, above=0.0, unit="m")
         degree = validation.integer("solid: order", order, least=1)
-        comm, interfaces = self.body.comm, self.body.interfaces
-        cut, _ = self._cut(self._finer(size))
-        centers = {name: part.center.tolist() for name, part in interfaces.items()}
-        return cut.domain(comm, list(interfaces), centers, degree)
+        tetrahedra, _ = self._cut(self._division(size))
+        interfaces = self.body.interfaces
+        centers = {name: interface.center.tolist() for name, interface in interfaces.items()}
+        return tetrahedra.domain(self.body.comm, list(interfaces), centers, degree)
 
-    def _finer(self, size: float) -> int:
+    def _division(self, size: float) -> int:
         """How often cells are divided for tetrahedra of a size [m]."""
-        finer = 0
-        while Tetrahedra.size(self.body, finer) > (1.0 + 1e-9) * size:
-            finer += 1
-            Tetrahedra.check(self.body, finer)
-        return finer
+        division = 0
+        while Tetrahedra.size(self.body, division) > (1.0 + 1e-9) * size:
+            division += 1
+            Tetrahedra.check(self.body, division)
+        return division
 
-    def _cut(self, finer: int) -> tuple[Tetrahedra, _Findings]:
+    def _cut(self, division: int) -> tuple[Tetrahedra, _Findings]:
         """The tetrahedra of the solid, on rank 0, and its surface, on all ranks."""
-        if finer in self._kept:
-            return self._kept[finer], self._findings
-        body, mesh = Tetrahedra.of(self.body, finer), GatheredMesh.of(self.body)
-        kept: list[Tetrahedra] = []
+        if division in self._cuts:
+            return self._cuts[division], self._findings
+        body, mesh = Tetrahedra.of(self.body, division), GatheredMesh.of(self.body)
+        result = body  # which is empty on other ranks
 
         def cut() -> _Findings:
-            left = cut_tetrahedra(body, self.field)
-            _round_bores(left, mesh)
-            left, found = _attached(left, list(self.body.interfaces))
-            kept.append(left)
-            return found
+            nonlocal result
+            tetrahedra = cut_tetrahedra(body, self.field)
+            _round_bores(tetrahedra, mesh)
+            result, findings = _attached(tetrahedra, list(self.body.interfaces))
+            return findings
 
-        found: _Findings = on_rank_0(self.body.comm, cut)
-        self._kept.setdefault(finer, kept[0] if kept else body)
-        return (kept[0] if kept else body), found
+        findings: _Findings = on_rank_0(self.body.comm, cut)
+        self._cuts.setdefault(division, result)
+        return result, findings
 
 
 def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Findings]:
     """The pieces that touch an interface, and their surface."""
     if not len(cut.cells):
         raise ShapeError("solid: there is no material; the field is negative everywhere")
-    _, _, pairs = outer_faces(cut.cells)
-    piece = connected(pairs, len(cut.cells))
-    size = volumes(cut.points, cut.cells)
-    touches = np.zeros(piece.max() + 1, dtype=bool)
-    touches[piece[np.any(cut.facets >= 0, axis=1)]] = True
-    if not np.any(touches):
+    _, _, neighbours = outer_faces(cut.cells)
+    piece = connected(neighbours, len(cut.cells))
+    volume = volumes(cut.points, cut.cells)
+    is_attached = np.zeros(piece.max() + 1, dtype=bool)
+    is_attached[piece[np.any(cut.facets >= 0, axis=1)]] = True
+    if not np.any(is_attached):
         raise ShapeError("solid: no material touches an interface; keep the cells there solid")
-    stays = touches[piece]
+
+    stays = is_attached[piece]
     used, cells = np.unique(cut.cells[stays], return_inverse=True)
     cells = cells.reshape(-1, 4)
-    left = Tetrahedra(cut.points[used], cells, cut.facets[stays], cut.regions[stays])
-    triangles, _, _ = outer_faces(cells)
-    seen, corners = np.unique(triangles, return_inverse=True)
-    corners = corners.reshape(-1, 3)
-    surface = left.points[seen]
-    lost = [name for i, name in enumerate(names) if not np.any(left.facets == i)]
-    loose = [float(v) for v in np.bincount(piece, size)[~touches]]
-    left_out, said = "", []
-    if loose:
-        left_out = (
+    solid = Tetrahedra(cut.points[used], cells, cut.facets[stays], cut.regions[stays])
+    on_surface, triangles = np.unique(outer_faces(cells)[0], return_inverse=True)
+    triangles, points = triangles.reshape(-1, 3), solid.points[on_surface]
+
+    loose = [float(v) for v in np.bincount(piece, volume)[~is_attached]]
+    cavities = _cavities(points, triangles)
+    lost = [name for i, name in enumerate(names) if not np.any(solid.facets == i)]
+    findings = _Findings(
+        points=points,
+        triangles=triangles,
+        volume=float(np.sum(volume[stays])),
+        pieces=int(np.count_nonzero(is_attached)),
+        loose=loose,
+        cavities=cavities,
+        lost_interfaces=lost,
+        loose_warning=(
             f"{len(loose)} pieces of {sum(loose):.3g} m^3 touch no interface and are left out"
-        )
-    meeting = surface[touching(corners)]
+            if loose
+            else ""
+        ),
+        warnings=_warnings(points[touching(triangles)], cavities, lost),
+    )
+    return solid, findings
+
+
+def _warnings(meeting: Array, cavities: list[Cavity], lost: list[str]) -> list[str]:
+    """Warnings of points (n, 3) where a surface touches itself, of cavities and of interfaces."""
+    warnings = []
     if len(meeting):
         x, y, z = meeting[0]
-        said.append(
+        warnings.append(
             f"the surface touches itself at {len(meeting)} points, the first at "
             f"({x:.4g}, {y:.4g}, {z:.4g}) m, where parts of the solid region or of the body meet "
             "in an edge or a point only; join them, or keep them apart by a cell"
         )
-    cavities = _cavities(surface, corners)
     if cavities:
-        said.append(
-            f"enclosed cavities: {len(cavities)}, {_told(cavities)}; powder stays in them; "
-            "drill a channel to each in CAD"
+        volume = sum(cavity.volume for cavity in cavities)
+        centers = [", ".join(f"{x:.4g}" for x in cavity.center) for cavity in cavities[:_PLACES]]
+        ellipsis = ", ..." if len(cavities) > _PLACES else ""
+        warnings.append(
+            f"enclosed cavities: {len(cavities)}, {volume:.3g} m^3 in all, about "
+            f"({'), ('.join(centers)}) m{ellipsis}; powder stays in them; drill a channel to each "
+            "in CAD"
         )
     if lost:
-        said.append(f"the interfaces {lost} have no material; keep the cells along them solid")
-    found = _Findings(
-        points=surface,
-        triangles=corners,
-        volume=float(np.sum(size[stays])),
-        pieces=int(np.count_nonzero(touches)),
-        loose=loose,
-        cavities=cavities,
-        lost_interfaces=lost,
-        loose_warning=left_out,
-        warnings=said,
-    )
-    return left, found
+        warnings.append(f"the interfaces {lost} have no material; keep the cells along them solid")
+    return warnings
 
 
 def _cavities(points: Array, triangles: Integers) -> list[Cavity]:
     """Pieces of a closed surface that are turned inwards."""
     piece = connected(triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2), len(points))
+    of_triangle = piece[triangles[:, 0]]
     a, b, c = np.moveaxis(points[triangles], 1, 0)
-    size = np.einsum("td,td->t", a, np.cross(b, c)) / 6.0
-    of = piece[triangles[:, 0]]
-    enclosed = np.bincount(of, size)
-    chosen = np.flatnonzero(enclosed < 0.0)
-    chosen = chosen[np.argsort(enclosed[chosen], kind="stable")]
-    moment = [np.bincount(of, size * x)[chosen] for x in ((a + b + c) / 4.0).T]
-    centers = np.column_stack(moment) / enclosed[chosen, None]
-    return [Cavity(-float(v), x) for v, x in zip(enclosed[chosen], centers, strict=True)]
-
-
-def _told(cavities: list[Cavity]) -> str:
-    """Volume and places of cavities."""
-    places = [", ".join(f"{x:.4g}" for x in cavity.center) for cavity in cavities[:_PLACES]]
-    more = ", ..." if len(cavities) > _PLACES else ""
-    volume = sum(cavity.volume for cavity in cavities)
-    return f"{volume:.3g} m^3 in all, about ({'), ('.join(places)}) m{more}"
+    below_triangle = np.einsum("td,td->t", a, np.cross(b, c)) / 6.0
+    volume = np.bincount(of_triangle, below_triangle)
+    cavities = np.flatnonzero(volume < 0.0)
+    cavities = cavities[np.argsort(volume[cavities], kind="stable")]
+    moments = [
+        np.bincount(of_triangle, below_triangle * x)[cavities] for x in ((a + b + c) / 4.0).T
+    ]
+    centers = np.column_stack(moments) / volume[cavities, None]
+    return [Cavity(-float(v), x) for v, x in zip(volume[cavities], centers, strict=True)]
 
 
 def _round_bores(cut: Tetrahedra, mesh: GatheredMesh) -> None:
     """Move points on interfaces that are cylinders from the sides of polygons onto them."""
-    for number, (name, part) in enumerate(mesh.domain.interfaces.items()):
-        given = mesh.points[mesh.interfaces[name]]
-        if part.axis is None or np.ptp(given @ part.axis) < 1e-6 * part.extent:
+    for number, (name, interface) in enumerate(mesh.domain.interfaces.items()):
+        nodes = mesh.points[mesh.interfaces[name]]
+        if interface.axis is None or np.ptp(nodes @ interface.axis) < 1e-6 * interface.extent:
             continue
-        cylinder = fit_cylinder(given, part.axis)
+        cylinder = fit_cylinder(nodes, interface.axis)
         if cylinder is None:
             continue
         center, axis = cylinder
-        radius = float(np.mean(np.linalg.norm(np.cross(given - center, axis), axis=1)))
+        radius = float(np.mean(np.linalg.norm(np.cross(nodes - center, axis), axis=1)))
         cells, opposite = np.nonzero(cut.facets == number)
         points = np.unique(cut.cells[cells[:, None], SIDES[opposite]])
         offset = cut.points[points] - center
         radial = offset - np.outer(offset @ axis, axis)
-        away = np.linalg.norm(radial, axis=1, keepdims=True)
-        cut.points[points] += (radius / away - 1.0) * radial
+        distance = np.linalg.norm(radial, axis=1, keepdims=True)
+        cut.points[points] += (radius / distance - 1.0) * radial

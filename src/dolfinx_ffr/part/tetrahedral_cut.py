@@ -20,15 +20,16 @@ from ..arrays import Array, Integers
 from ..fem import DESIGNED, SOLID, VOID, ShapeError, Tetrahedra, connected
 from .field import Field, evaluated, refuse_zero, zeros_between
 
-#: Corners closer than this to the surface are moved onto it, in units of the edge on which it is
+#: Corners closer than this to the surface are moved onto it, in units of the edge on which it is,
+#: as the paper does for its longer edges
 _NEAR = 0.25
-#: Level of corners that are counted as outside, which only its sign matters of
+#: Level of corners that are counted as outside, of which only the sign matters
 _SMALLEST = 1e-300
 #: Corners that cannot move count as on the surface if they are closer than this
 _ON_IT = 0.05
 #: Smallest volume of a tetrahedron whose corners have moved, in units of what it was
 _FLAT = 0.15
-#: Times that corners are looked for at which the surface touches itself
+#: Times at most that corners are looked for at which the surface touches itself
 _ROUNDS = 20
 #: Faces opposite of the corners, turned outwards
 SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
@@ -50,32 +51,32 @@ def cut_tetrahedra(body: Tetrahedra, field: Field) -> Tetrahedra:
     points, cells = body.points.copy(), body.cells
     level = evaluated(field, points)
     refuse_zero("solid", level, cells[body.regions == DESIGNED])
-    every = _unique_edges(cells[body.regions != VOID])
-    edges = every[level[every[:, 0]] * level[every[:, 1]] < 0.0]
+    all_edges = _unique_edges(cells[body.regions != VOID])
+    edges = all_edges[level[all_edges[:, 0]] * level[all_edges[:, 1]] < 0.0]
     start, end = points[edges.T]
     share = zeros_between(field, start, end, *level[edges.T])
     zeros = start + share[:, None] * (end - start)
     _move_near(points, level, edges, share, zeros, cells, _patches(body))
-    still = level[edges[:, 0]] * level[edges[:, 1]] < 0.0
-    edges, zeros = edges[still], zeros[still]
+    is_crossed = level[edges[:, 0]] * level[edges[:, 1]] < 0.0
+    edges, zeros = edges[is_crossed], zeros[is_crossed]
     for _ in range(_ROUNDS):
-        found, used = _cut(body, points, level, edges, zeros, field)
-        corners = used[touching(outer_faces(found.cells)[0])]
+        solid, used = _cut(body, points, level, edges, zeros, field)
+        corners = used[touching(outer_faces(solid.cells)[0])]
         corners = corners[corners < len(points)]
         corners = corners[level[corners] == 0.0]
         if not len(corners):
             break
         level[corners] = -_SMALLEST
-        outside = np.isin(every, corners)
-        new = np.any(outside, axis=1) & np.any(level[every] > 0.0, axis=1)
+        is_outside = np.isin(all_edges, corners)
+        is_new = np.any(is_outside, axis=1) & np.any(level[all_edges] > 0.0, axis=1)
         # from the corner to the one inside
-        pairs, turned = every[new], outside[new][:, 1:]
+        pairs, turned = all_edges[is_new], is_outside[is_new][:, 1:]
         start, end = points[np.where(turned, pairs[:, ::-1], pairs)].swapaxes(0, 1)
         edges = np.concatenate([edges, pairs])
         zeros = np.concatenate([zeros, start + _NEAR * (end - start)])
         order = np.lexsort((edges[:, 1], edges[:, 0]))
         edges, zeros = edges[order], zeros[order]
-    return found
+    return solid
 
 
 def volumes(points: Array, cells: Integers) -> Array:
@@ -98,13 +99,12 @@ def outer_faces(cells: Integers) -> tuple[Integers, Integers, Integers]:
     faces = cells[:, SIDES].reshape(-1, 3)
     key = np.sort(faces, axis=1) @ np.array([2**42, 2**21, 1])
     order = np.argsort(key, kind="stable")
-    same = key[order][1:] == key[order][:-1]
-    twice = np.zeros(len(key), dtype=bool)
-    twice[order[1:][same]] = True
-    twice[order[:-1][same]] = True
-    alone = np.flatnonzero(~twice)
-    pairs = np.column_stack([order[:-1][same], order[1:][same]]) // 4
-    return faces[alone], alone, pairs
+    is_repeated = key[order][1:] == key[order][:-1]
+    first, second = order[:-1][is_repeated], order[1:][is_repeated]
+    is_shared = np.zeros(len(key), dtype=bool)
+    is_shared[first] = is_shared[second] = True
+    outer = np.flatnonzero(~is_shared)
+    return faces[outer], outer, np.column_stack([first, second]) // 4
 
 
 def touching(triangles: Integers) -> Integers:
@@ -117,15 +117,15 @@ def touching(triangles: Integers) -> Integers:
     key = sides @ np.array([2**32, 1])
     order = np.argsort(key, kind="stable")
     _, start, count = np.unique(key[order], return_index=True, return_counts=True)
-    odd = np.unique(sides[order[start[count != 2]]])
-    one, other = order[start[count == 2]], order[start[count == 2] + 1]
-    # an edge of a corner and the next one, with the other triangle's, in which it runs backwards
-    after = first + (zero_of + 1) % 3
-    rows, columns = np.concatenate([one, after[one]]), np.concatenate([after[other], other])
+    at_odd_edges = np.unique(sides[order[start[count != 2]]])
+    a, b = order[start[count == 2]], order[start[count == 2] + 1]
+    # an edge of a corner and the next one, with those of the other triangle, which runs backwards
+    following = first + (zero_of + 1) % 3
+    rows, columns = np.concatenate([a, following[a]]), np.concatenate([following[b], b])
     fan = connected(np.column_stack([rows, columns]), len(corner))
     pairs = np.unique(np.column_stack([corner, fan]), axis=0)
     vertices, fans = np.unique(pairs[:, 0], return_counts=True)
-    return np.union1d(odd, vertices[fans > 1])
+    return np.union1d(at_odd_edges, vertices[fans > 1])
 
 
 def _unique_edges(cells: Integers) -> Integers:
@@ -139,9 +139,9 @@ def _patches(body: Tetrahedra) -> csr_matrix:
     corners, tags = [], []
     for region in (DESIGNED, SOLID, VOID):
         chosen = body.regions == region
-        faces, of, _ = outer_faces(body.cells[chosen])
+        faces, numbers, _ = outer_faces(body.cells[chosen])
         corners.append(faces)
-        tags.append(body.facets[chosen].ravel()[of])
+        tags.append(body.facets[chosen].ravel()[numbers])
     faces, tag = np.concatenate(corners), np.concatenate(tags)
     a, b, c = np.moveaxis(body.points[faces], 1, 0)
     normal = np.cross(b - a, c - a)
@@ -156,9 +156,9 @@ def _patches(body: Tetrahedra) -> csr_matrix:
     _, patch = np.unique(plane, axis=0, return_inverse=True)
     shape = len(body.points), int(patch.max(initial=-1)) + 1
     pair = faces.ravel(), np.repeat(patch, 3)
-    found = coo_matrix((np.ones(faces.size, dtype=np.int32), pair), shape=shape).tocsr()
-    found.data[:] = 1
-    return found
+    incidence = coo_matrix((np.ones(faces.size, dtype=np.int32), pair), shape=shape).tocsr()
+    incidence.data[:] = 1
+    return incidence
 
 
 def _move_near(
@@ -174,59 +174,59 @@ def _move_near(
     if not len(edges):
         return
     # both directions of each edge
-    point, other = edges.T.ravel(), edges.T[::-1].ravel()
-    away = np.concatenate([share, 1.0 - share])
+    point, opposite = edges.T.ravel(), edges.T[::-1].ravel()
+    distance = np.concatenate([share, 1.0 - share])
     zero_of = np.vstack([zeros, zeros])
-    common = np.asarray(patches[point].multiply(patches[other]).sum(axis=1)).ravel()
-    free = common == np.asarray(patches.sum(axis=1)).ravel()[point]
-    before, given = points.copy(), level.copy()
-    near = free & (away < _NEAR)
+    common = np.asarray(patches[point].multiply(patches[opposite]).sum(axis=1)).ravel()
+    # a point moves along edges that lie on all of its patches
+    is_free = common == np.asarray(patches.sum(axis=1)).ravel()[point]
+    unmoved, first_level = points.copy(), level.copy()
+    is_near = is_free & (distance < _NEAR)
     # the nearest of its zeros
-    order = np.flatnonzero(near)[np.argsort(away[near], kind="stable")]
+    order = np.flatnonzero(is_near)[np.argsort(distance[is_near], kind="stable")]
     chosen, first = np.unique(point[order], return_index=True)
     points[chosen] = zero_of[order[first]]
     level[chosen] = 0.0
-    size = volumes(before, cells)
-    moved = np.zeros(len(points), dtype=bool)
-    moved[chosen] = True
+    volume = volumes(unmoved, cells)
+    is_moved = np.zeros(len(points), dtype=bool)
+    is_moved[chosen] = True
     while True:
-        flat = np.sign(size) * volumes(points, cells) < _FLAT * np.abs(size)
-        back = np.unique(cells[flat])
-        back = back[moved[back]]
+        is_flat = np.sign(volume) * volumes(points, cells) < _FLAT * np.abs(volume)
+        back = np.unique(cells[is_flat])
+        back = back[is_moved[back]]
         if not len(back):
             break
-        points[back], level[back], moved[back] = before[back], given[back], False
-    stuck = away < _ON_IT
-    level[point[stuck & ~moved[point]]] = 0.0
+        points[back], level[back], is_moved[back] = unmoved[back], first_level[back], False
+    level[point[(distance < _ON_IT) & ~is_moved[point]]] = 0.0
 
 
 def _cut(
     body: Tetrahedra, points: Array, level: Array, edges: Integers, zeros: Array, field: Field
 ) -> tuple[Tetrahedra, Integers]:
     """The tetrahedra cut at given zeros of their edges, and the old numbers of their points."""
-    every = np.vstack([points, zeros])
-    sign = np.sign(level)
+    all_points = np.vstack([points, zeros])
     cells, facets, regions = body.cells, body.facets, body.regions
-    signs = sign[cells]
+    signs = np.sign(level)[cells]
     flat = np.flatnonzero(np.all(signs == 0.0, axis=1))
     if len(flat):
-        signs[flat] = np.sign(evaluated(field, every[cells[flat]].mean(axis=1)))[:, None]
+        signs[flat] = np.sign(evaluated(field, all_points[cells[flat]].mean(axis=1)))[:, None]
     above, below = np.any(signs > 0.0, axis=1), np.any(signs < 0.0, axis=1)
-    passed = above & below & (regions != VOID)
-    whole = np.where(regions == SOLID, ~passed, above & ~below & (regions == DESIGNED))
-    found = [(cells[whole], facets[whole], regions[whole])]
+    is_cut = above & below & (regions != VOID)
+    is_whole = np.where(regions == SOLID, ~is_cut, above & ~below & (regions == DESIGNED))
+    pieces = [(cells[is_whole], facets[is_whole], regions[is_whole])]
     # of solid tetrahedra both sides stay: so they meet the designed ones in whole faces
     for region, side in ((DESIGNED, 1.0), (SOLID, 1.0), (SOLID, -1.0)):
-        chosen = np.flatnonzero(passed & (regions == region))
-        own = cells[chosen], facets[chosen], side * signs[chosen]
-        corners, tags = _one_side(*own, edges, len(points), every)
-        found.append((corners, tags, np.full(len(corners), region)))
-    cells, facets, regions = (np.concatenate(part) for part in zip(*found, strict=True))
-    turned = volumes(every, cells) < 0.0
+        chosen = np.flatnonzero(is_cut & (regions == region))
+        corners, tags = _one_side(
+            cells[chosen], facets[chosen], side * signs[chosen], edges, len(points), all_points
+        )
+        pieces.append((corners, tags, np.full(len(corners), region)))
+    cells, facets, regions = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    turned = volumes(all_points, cells) < 0.0
     cells[turned] = cells[turned][:, [1, 0, 2, 3]]
     facets[turned] = facets[turned][:, [1, 0, 2, 3]]
     used, cells = np.unique(cells, return_inverse=True)
-    return Tetrahedra(every[used], cells.reshape(-1, 4), facets, regions), used
+    return Tetrahedra(all_points[used], cells.reshape(-1, 4), facets, regions), used
 
 
 def _one_side(
@@ -237,7 +237,7 @@ def _one_side(
     The ``first`` of the points is the zero of the first of the edges (edges, 2), which are sorted.
     """
     key = edges @ np.array([2**32, 1])
-    found, tags = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 4), dtype=np.int64)]
+    tetrahedra, tags = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 4), dtype=np.int64)]
     # corners inside first, then those on the surface, then those outside, by their numbers each:
     # quadrilaterals are then divided alike from both sides
     order = np.lexsort((cells, -signs), axis=1)
@@ -257,22 +257,24 @@ def _one_side(
             needed = set().union(*(made_of[j] for j in range(4) if j != i))
             if len(needed) == 3:
                 tag[:, i] = facets[chosen, ({0, 1, 2, 3} - needed).pop()]
-        found.append(np.column_stack(new))
+        tetrahedra.append(np.column_stack(new))
         tags.append(tag)
 
-    def where(p: int, n: int) -> Integers:
+    def cells_with(p: int, n: int) -> Integers:
+        """Numbers of cells with p corners inside and n outside."""
         return np.flatnonzero((inside == p) & (outside == n))
 
-    for (p, n), tetrahedra in _TEMPLATES.items():
-        for corners in tetrahedra:
-            add(where(p, n), corners)
-    wedge = where(2, 2)
+    for (p, n), templates in _TEMPLATES.items():
+        for corners in templates:
+            add(cells_with(p, n), corners)
+    wedge = cells_with(2, 2)
     # of the quadrilateral on the surface the shorter diagonal
-    one = points[zero(wedge, 0, 2)] - points[zero(wedge, 1, 3)]
-    two = points[zero(wedge, 0, 3)] - points[zero(wedge, 1, 2)]
-    shorter = np.einsum("ij,ij->i", one, one) < np.einsum("ij,ij->i", two, two)
-    add(wedge[shorter], (0, (0, 2), (0, 3), (1, 3)))
-    add(wedge[shorter], (0, (0, 2), (1, 3), (1, 2)))
-    add(wedge[~shorter], (0, (0, 2), (0, 3), (1, 2)))
-    add(wedge[~shorter], (0, (0, 3), (1, 3), (1, 2)))
-    return np.concatenate(found), np.concatenate(tags)
+    first_diagonal = points[zero(wedge, 0, 2)] - points[zero(wedge, 1, 3)]
+    second_diagonal = points[zero(wedge, 0, 3)] - points[zero(wedge, 1, 2)]
+    squares = [np.einsum("ij,ij->i", d, d) for d in (first_diagonal, second_diagonal)]
+    is_first_shorter = squares[0] < squares[1]
+    add(wedge[is_first_shorter], (0, (0, 2), (0, 3), (1, 3)))
+    add(wedge[is_first_shorter], (0, (0, 2), (1, 3), (1, 2)))
+    add(wedge[~is_first_shorter], (0, (0, 2), (0, 3), (1, 2)))
+    add(wedge[~is_first_shorter], (0, (0, 3), (1, 3), (1, 2)))
+    return np.concatenate(tetrahedra), np.concatenate(tags)
