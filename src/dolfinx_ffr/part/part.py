@@ -195,7 +195,7 @@ class Part(Verifiable):
         self._warn()
 
     def redrawn(self, drawing: Drawing) -> Part:
-        """The part of the same body between the curves of a ``drawing``, one piece in all."""
+        """The part of the same body between the curves of a ``drawing``."""
         part = copy(self)
         for measured in ("_moments", "polygon", "thinnest_member", "narrowest_gap", "pockets"):
             part.__dict__.pop(measured, None)
@@ -207,6 +207,7 @@ class Part(Verifiable):
             drawing=drawing,
             outlines=outlines,
             interfaces=interfaces,
+            pieces=len(outlines),
             loose=[],
             deviation=0.0,
             loose_warning="",
@@ -487,12 +488,11 @@ def _find(
     assert lattice is not None  # on rank 0
     accuracy, segments = _ACCURACY * spacing, cut(lattice, field, spacing)
     sides = boundary(lattice, segments, field, step, share * spacing)
-    all_pieces = pieces(sides, accuracy)
 
     of_segment = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
     lengths = _lengths(lattice.points[lattice.chains], lattice.interface, names)
     lengths_of_pieces = _lengths(segments.points[segments.ends], of_segment, names)
-    attachment = attached(all_pieces, lengths, lengths_of_pieces, joined=web > 0.0)
+    attachment = attached(pieces(sides, accuracy), lengths, lengths_of_pieces, joined=web > 0.0)
     of_part = [sides[i] for piece in attachment.pieces for i in piece.sides]
 
     around, interfaces = _outlines_of_pieces(sides, attachment.pieces, accuracy, names)
@@ -500,8 +500,7 @@ def _find(
         LoosePiece(
             piece.area, piece.center, _outlines_of_pieces(sides, [piece], accuracy, names)[0][0]
         )
-        for piece in all_pieces
-        if not piece.interfaces
+        for piece in attachment.loose
     ]
     return _Findings(
         pieces=len(around),

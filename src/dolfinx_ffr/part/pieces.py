@@ -32,7 +32,8 @@ class Attachment:
     """Which pieces touch an interface, and what a user must know of them."""
 
     pieces: list[Piece]  #: Those that touch one, which the part is made of
-    loose_warning: str  #: Says that the other pieces are left out; empty if there are none
+    loose: list[Piece]  #: Those that touch none, which are left out
+    loose_warning: str  #: Says that they are left out; empty if there are none
     warnings: list[str]  #: All other warnings
 
 
@@ -125,17 +126,18 @@ def attached(
     """The pieces that touch an interface; a ValueError where nothing connects interfaces.
 
     The lengths of interfaces [m], in the body and in the pieces, are by name, in their order. Where
-    a web has ``joined`` all, no piece is alone.
+    a web has ``joined`` all pieces, all are attached.
     """
     names = list(lengths)
-    touching = [piece for piece in pieces if piece.interfaces]
-    if not touching:
+    in_part = [piece for piece in pieces if joined or piece.interfaces]
+    if not any(piece.interfaces for piece in in_part):
         raise ShapeError(
             f"part: no piece of the material touches an interface ({', '.join(map(repr, names))}); "
             "is the field positive in the material?"
         )
     loose_warning, warnings = "", []
-    if loose := [piece for piece in pieces if not piece.interfaces]:
+    loose = [piece for piece in pieces if not (joined or piece.interfaces)]
+    if loose:
         listed = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
         ellipsis = ", ..." if len(loose) > 5 else ""
         loose_warning = (
@@ -155,13 +157,13 @@ def attached(
             "keep all of it"
         )
     if not joined:
-        _check_connected(touching, names)
-    if not joined and len(touching) > 1:
+        _check_connected(in_part, names)
+    if not joined and len(in_part) > 1:
         warnings.append(
-            f"the material is in {len(touching)} pieces that only interfaces hold together, the "
-            f"smallest of {1e6 * touching[-1].area:.3g} mm2 near {_point(touching[-1].center)}"
+            f"the material is in {len(in_part)} pieces that only interfaces hold together, the "
+            f"smallest of {1e6 * in_part[-1].area:.3g} mm2 near {_point(in_part[-1].center)}"
         )
-    return Attachment(touching, loose_warning, warnings)
+    return Attachment(in_part, loose, loose_warning, warnings)
 
 
 def _check_connected(pieces: Sequence[Piece], names: Sequence[str]) -> None:
