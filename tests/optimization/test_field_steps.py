@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from mpi4py import MPI
 
 import numpy as np
@@ -10,11 +12,21 @@ import pytest
 import shapely
 from shared.problems import slider_crank
 
-from dolfinx_ffr.boundary_field import FieldOptions, FieldSpace, mended, redistanced
+import dolfinx_ffr as ffr
+from dolfinx_ffr.arrays import Array, Mask
+from dolfinx_ffr.boundary_field import (
+    BoundaryField,
+    FieldOptions,
+    FieldSpace,
+    first_field,
+    mended,
+    redistanced,
+)
 from dolfinx_ffr.design import Mirror
 from dolfinx_ffr.optimization.field_steps import FieldSteps
 from dolfinx_ffr.optimization.field_topology import with_better_topology
 from dolfinx_ffr.optimization.field_trial import FieldProblem
+from dolfinx_ffr.part import outline_violations
 
 MEMBER, MOST = 6e-3, 0.85
 
@@ -86,3 +98,72 @@ def test_a_full_rod_is_pierced_where_psi_falls_by_a_hole() -> None:
     pierced = with_better_topology(own, full, evaluation, np.zeros(0), 1.5)
     assert pierced.fields["rod"].part.holes > 0
     assert pierced.evaluation.psi < 0.99 * full.evaluation.psi
+
+
+def rod_with_eyes(rim: float) -> ffr.Domain:
+    """A rod of 150 mm with a bore of 18 mm in each of its eyes, and what stays around them."""
+    ends = shapely.MultiPoint([(0.0, 0.0), (0.15, 0.0)])
+    shape = shapely.box(0.0, -0.014, 0.15, 0.014).union(ends.buffer(0.02))
+
+    def bore(x0: float) -> Callable[[Array], Mask]:
+        return lambda x: np.abs(np.hypot(x[0] - x0, x[1]) - 0.009) < 2e-4
+
+    return ffr.Domain.from_outline(
+        MPI.COMM_SELF,
+        shape.difference(ends.buffer(0.009)),
+        interfaces={"left": bore(0.0), "right": bore(0.15)},
+        size=5e-3,
+        solid_rim=rim,
+    )
+
+
+def swung(domain: ffr.Domain) -> ffr.Problem:
+    """The compliance of a rod between a crank and a line."""
+    steel = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
+    body = ffr.FlexibleBody(domain, steel, frame=ffr.ChordFrame("left", "right"), modes=3)
+    crank = ffr.Moving.circle((0, 0), 0.04, ffr.Motion.smooth_step(4 * np.pi, 1.0))
+    mechanism = ffr.Mechanism(
+        {"rod": ffr.Placement((0.04, 0.0))},
+        [ffr.Revolute(("rod", "left"), crank), ffr.PointOnLine(("rod", "right"), ffr.Ground())],
+        point_masses=[ffr.PointMass(("rod", "right"), 0.5)],
+    )
+    return ffr.Problem(
+        {"rod": body}, mechanism, ffr.RadauIIA(1.0, steps=20), ffr.IntegralCompliance()
+    )
+
+
+@pytest.mark.parametrize(("rim", "member"), [(4e-3, 4e-3), (3e-3, 5e-3), (8e-3, 4e-3)])
+def test_the_first_field_of_a_rod_with_eyes_has_its_sizes_volume_and_rims(
+    rim: float, member: float
+) -> None:
+    """From a design that is too thin in places, and that fills too much."""
+    part = rod_with_slits(rod_with_eyes(rim), member).part
+    assert part.area <= MOST * part.body.area * (1.0 + 2e-3)
+    thinnest = part.thinnest_member
+    assert thinnest is not None and thinnest.value > 0.99 * member
+    assert outline_violations(part, member, member) == []
+
+
+def rod_with_slits(domain: ffr.Domain, member: float) -> BoundaryField:
+    """The first field of such a rod."""
+    space = FieldSpace.of(domain, member, member, rim=member, volume=MOST)
+    slits = [
+        shapely.box(0.035, -0.014 + 0.7 * member, 0.075, 0.014 - 0.7 * member),
+        shapely.box(0.075 + 0.7 * member, -0.004, 0.13, 0.004),
+    ]
+    return first_field(space, domain.outline.difference(shapely.union_all(slits)))
+
+
+def test_a_step_of_a_rod_with_eyes_keeps_sizes_volume_and_rims() -> None:
+    domain, member = rod_with_eyes(3e-3), 5e-3
+    # no other topology is tried
+    options = FieldOptions(promised=np.inf, idle=0.0, cut_cost=np.inf, small_void=0.0)
+    own = FieldProblem(swung(domain), {"rod": MOST}, {}, options)
+    start = own.trial({"rod": rod_with_slits(domain, member)})
+    steps = FieldSteps(own, start, mode_tolerance=None)
+    after = next(steps)
+    assert after.feasible and after.evaluation.psi < 0.99 * start.evaluation.psi
+    part = after.fields["rod"].part
+    thinnest = part.thinnest_member
+    assert thinnest is not None and thinnest.value > 0.99 * member
+    assert outline_violations(part, member, member) == []
