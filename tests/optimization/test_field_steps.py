@@ -157,7 +157,7 @@ def rod_with_slits(domain: ffr.Domain, member: float) -> BoundaryField:
 def test_a_step_of_a_rod_with_eyes_keeps_sizes_volume_and_rims() -> None:
     domain, member = rod_with_eyes(3e-3), 5e-3
     # no other topology is tried
-    options = FieldOptions(promised=np.inf, idle=0.0, cut_cost=np.inf, small_void=0.0)
+    options = FieldOptions(promised=np.inf, idle=0.0, small_void=0.0)
     own = FieldProblem(swung(domain), {"rod": MOST}, {}, options)
     start = own.trial({"rod": rod_with_slits(domain, member)})
     steps = FieldSteps(own, start, mode_tolerance=None)
