@@ -114,6 +114,20 @@ def test_a_hundred_random_parts_on_a_finer_mesh_are_above(rod: ffr.Problem) -> N
     assert found.psi < min(values) < 2.0 * found.psi
 
 
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.DesignWarning")  # short runs are not yet crisp
+def test_designs_are_above(rod: ffr.Problem) -> None:
+    """From three starts, as they end, less than twice as high, and as parts without gray cells."""
+    domain, least = rod.flexible["rod"].domain, ffr.bound(rod).psi
+    design = ffr.LevelSet(domain)
+    options = {"progress": False, "mode_tolerance": None, "boundary": 0, "iterations": 12}
+    starts = [np.random.default_rng(seed).uniform(-1.0, 1.0, design.size) for seed in (0, 1)]
+    for start in (None, *starts):
+        result = ffr.optimize(rod, design, start, volume=0.5, **options)
+        solid = (result.densities["rod"] > 0.5) | domain.solid_cells
+        assert least < result.psi < 2.0 * least
+        assert least < rod.value(solid.astype(float)).psi
+
+
 @pytest.mark.slow
 def test_sheet_and_bound_close_up_as_meshes_are_refined() -> None:
     gaps = []
