@@ -51,8 +51,10 @@ def test_the_highest_frequency_of_a_published_beam() -> None:
 
 
 @pytest.mark.slow
-def test_an_arm_of_least_mass_for_a_stress() -> None:
-    assert 1.0 <= reached("spinning_arm", chi=0.75)["ours"] <= 1.01
+@pytest.mark.parametrize(("chi", "least"), [(0.75, "mass"), (0.75, "stress")])
+def test_an_arm_of_least_mass_for_a_stress_or_the_reverse(chi: float, least: str) -> None:
+    """By one mean of the stress the mass ends 6 % above the optimum, and the stress as much."""
+    assert 1.0 <= reached("spinning_arm", chi=chi, least=least)["ours"] <= 1.01
 
 
 @pytest.mark.slow

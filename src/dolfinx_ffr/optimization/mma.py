@@ -29,8 +29,9 @@ of log psi.
 `PeakStress` is corrected to the largest stress at each design that is kept, and its slope has the
 same scale (Le et al., doi:10.1007/s00158-009-0440-y): constraints, and which design is best, are
 judged by the largest stress itself. As soon as nothing becomes sharper, a bound on it is one bound
-for each of some places (`PeakStress.places`): where the stress is nearly the same everywhere, the
-one slope of a mean cannot say which place needs more material.
+for each of some places (`PeakStress.places`), and as the objective it is the largest of these,
+minimised as that of load cases: where the stress is nearly the same everywhere, the one slope of a
+mean cannot say which place needs more material.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ from ..arrays import Array, Integers, Mask
 from ..design import Design, Variables, shrunk
 from ..dynamics import SimulationError
 from ..mechanical_problem import ConstraintValue, MechanicalProblem
-from ..objective import whole
+from ..objective import Constraint, Response, value_of, whole
 from ..problem import Evaluation, Problem
 from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Optimizer
 from .moving_asymptotes import Asymptotes, Secants
@@ -70,6 +71,8 @@ RECOVER = 1.5
 VIOLATED = 1e-3
 #: Violation up to which bounds are tightened: a few steps lead back from further outside
 NEAR = 0.02
+#: Name of the bounds on places of the objective
+OBJECTIVE = "objective of each place"
 #: Arrays of the asymptotes in a checkpoint, besides x
 STATE = ("before", "earlier", "reach")
 #: Those of its secants
@@ -374,7 +377,8 @@ class _Run:
         """All functions by an ``evaluation`` with gradients, of constraints with ``labels``.
 
         In the place of a constraint there may be several, each of which bounds the same at a place
-        of its own. Where the largest of several values is minimised, the objective is the penalty.
+        of its own. Where the largest of several values is minimised, the objective is the penalty:
+        of several load cases, or of the places of an objective that is the largest stress.
         """
         parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
         nominal = self.designs(point.progress, nominal=True)
@@ -384,36 +388,45 @@ class _Run:
             share = domain.cell_volumes / domain.area / bound
             self.split(row)[name][:] = _by_variables(name, nominal[name], parts[name], share)
         slope = np.concatenate([d.penalty(parts[n])[1] for n, d in designs.items()])
-        if not self.loop.problem.combine.bounds:
+        peaks, peak_slopes = self.peaks(point, evaluation)
+        rest = {n: bound for n, bound in evaluation.constraints.items() if whole(n) != OBJECTIVE}
+        places_of_objective = len(evaluation.constraints) - len(rest)
+        if not len(peaks):
             own = self.pulled_back(point, [evaluation.gradient])[0]
             slope = self.loop.logarithm.slope(evaluation.psi) * own + slope
-        peaks, peak_slopes = self.peaks(point, evaluation)
 
-        constraints = evaluation.constraints.values()
-        gradients = self.pulled_back(point, [constraint.gradient for constraint in constraints])
+        gradients = self.pulled_back(point, [constraint.gradient for constraint in rest.values()])
         slopes = np.vstack([peak_slopes, volumes, gradients])
 
-        placed = np.array([label not in labels for label in evaluation.constraints], dtype=bool)
-        wholes = [n if n in labels else whole(n) for n in evaluation.constraints]
+        placed = np.array([label not in labels for label in rest], dtype=bool)
+        wholes = [n if n in labels else whole(n) for n in rest]
         of = len(volumes) + np.array([labels.index(name) for name in wholes], dtype=int)
         # a constraint without places is that of the nominal design
-        at_places = np.array([constraint.violation for constraint in constraints])
+        at_places = np.array([constraint.violation for constraint in rest.values()])
         bounds = np.where(placed, at_places, point.bounds[of])
+        same = np.concatenate([np.full(1 + len(slopes) - len(placed), True), ~placed])
+        same[1 : 1 + places_of_objective] = False
         return _Functions(
             slope,
             np.concatenate([peaks, point.bounds[: len(volumes)], bounds]),
             slopes,
             len(peaks),
             np.concatenate([np.arange(len(volumes)), of]),
-            np.concatenate([np.full(1 + len(slopes) - len(placed), True), ~placed]),
+            same,
         )
 
     def peaks(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:
-        """The functions whose largest value is minimised, and their slopes; of `WorstCase` alone.
+        """The functions whose largest value is minimised, if there are several, and their slopes.
 
-        They are the logs of the weighted psi of the load cases that come near the largest one;
-        where one is not positive, the weighted psi relative to the largest.
+        Of an objective with places they are the logs of its values there, relative to the largest;
+        of `WorstCase` those of the weighted psi of the load cases that come near the largest one,
+        or where one is not positive, the weighted psi relative to the largest.
         """
+        places = [c for n, c in evaluation.constraints.items() if whole(n) == OBJECTIVE]
+        if places:
+            ratios = np.array([1.0 + place.violation for place in places])
+            gradients = self.pulled_back(point, [place.gradient for place in places])
+            return np.log(ratios), gradients / ratios[:, None]
         combine, cases = self.loop.problem.combine, evaluation.load_cases
         if not combine.bounds:
             return np.zeros(0), np.zeros((0, len(self.lower)))
@@ -443,8 +456,9 @@ class _Run:
     def differentiate(self, evaluation: Evaluation, point: _Point) -> _Now:
         """An evaluation with its gradient.
 
-        Where designs become no sharper a bound on the largest stress is one on that of each place:
-        at nearly uniform stress one slope cannot say which places need more material.
+        Where designs become no sharper a bound on the largest stress is one on that of each place,
+        and such an objective the largest of the places: at nearly uniform stress one slope cannot
+        say which of them need more material.
         """
         parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
 
@@ -455,7 +469,9 @@ class _Run:
         labels = list(evaluation.constraints)
         placed, given = self.loop.problem, evaluation
         if self.settled(point.progress) and isinstance(placed, Problem | Sizing):
-            placed, given = placed.adapted(evaluation, MechanicalProblem.placed)
+            alone = len(evaluation.load_cases) == 1
+            adapt = _with_placed_objective if alone else MechanicalProblem.placed
+            placed, given = placed.adapted(evaluation, adapt)
         found = self.loop.differentiate(given, distance, point.iteration, placed)
         functions = self.functions(point, found, labels)
         if placed is not self.loop.problem:
@@ -566,6 +582,8 @@ def _with_largest(evaluation: Evaluation, found: Evaluation) -> Evaluation:
     """
     worst: dict[str, ConstraintValue] = {}
     for label, place in found.constraints.items():
+        if whole(label) == OBJECTIVE:
+            continue
         name = label if label in evaluation.constraints else whole(label)
         if name not in worst or place.violation > worst[name].violation:
             worst[name] = place
@@ -576,6 +594,20 @@ def _with_largest(evaluation: Evaluation, found: Evaluation) -> Evaluation:
     names = ["gradient", "integrals_gradient", "nodes", "centers", "parameters"]
     new = {name: getattr(found, name) for name in [*names, "solver_iterations", "seconds"]}
     return replace(evaluation, **new, constraints=worst, load_cases=cases)
+
+
+def _with_placed_objective(problem: MechanicalProblem, response: Response) -> MechanicalProblem:
+    """The problem with bounds on places of the largest stress, also where that is the objective.
+
+    Those of the objective are relative to its value at the ``response``.
+    """
+    found, value = problem.placed(response), value_of(problem.objective, response)
+    if not value > 0.0:
+        return found
+    places = Constraint(problem.objective, upper=value, name=OBJECTIVE).places(response)
+    if len(places) == 1:
+        return found
+    return replace(found, constraints=[*found.constraints, *places])
 
 
 def _largest(bounds: Array) -> float:
