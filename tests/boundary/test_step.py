@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.sparse import csc_matrix, csr_matrix, diags
 
 from dolfinx_ffr.boundary.curve import FreeCurve
-from dolfinx_ffr.boundary.fair import ripples, slid
+from dolfinx_ffr.boundary.spread import _spread
 from dolfinx_ffr.boundary.step import best_step, curvature, secants
 
 
@@ -117,22 +117,8 @@ def test_steps_that_know_the_curvature_go_along_a_narrow_valley() -> None:
     assert left[1] < 0.2 * left[0], left
 
 
-def test_ripples_become_smaller_where_a_curve_has_no_corner() -> None:
-    """Circles, corners and areas stay, the shortest wave is halved, controls become even."""
+def test_controls_of_a_curve_become_even_and_its_area_stays() -> None:
     angle = 2.0 * np.pi * np.arange(40) / 40
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    assert np.max(np.abs(ripples(FreeCurve(circle), 0.05))) < 1e-12
-    wave = 1e-3 * np.where(np.arange(40) % 2, -1.0, 1.0)
-    rippled = FreeCurve(circle * (1.0 + wave[:, None]))
-    there = rippled.control + ripples(rippled, 0.05)[:, None] * rippled.control_normals
-    assert rippled.moved(there).area[0] == pytest.approx(rippled.area[0], rel=1e-9)
-    found = np.array([ripples(rippled, 0.05, share=share) for share in (1.0, 0.5)])
-    assert found == pytest.approx(np.array([-wave / 2.0, -wave / 3.0]), abs=2e-5)
-    found = ripples(FreeCurve(rippled.control, (0, 1)), 0.05)
-    assert found[5:35] == pytest.approx(-0.5 * wave[5:35], abs=2e-5)
     uneven = angle + 0.02 * np.where(np.arange(40) % 2, -1.0, 1.0)
-    even = slid(FreeCurve(np.column_stack([np.cos(uneven), np.sin(uneven)])))
+    even = _spread(FreeCurve(np.column_stack([np.cos(uneven), np.sin(uneven)])))
     assert np.diff(np.unwrap(np.arctan2(*even.control.T[::-1]))) == pytest.approx(0.157, abs=1e-3)
-    t, zero = np.linspace(0.0, 1.0, 10, endpoint=False), np.zeros(10)
-    square = np.hstack([[t, zero], [1.0 + zero, t], [1.0 - t, 1.0 + zero], [zero, 1.0 - t]]).T
-    assert np.max(np.abs(ripples(FreeCurve(square), 0.3))) < 1e-3

@@ -19,9 +19,9 @@ from ..fem import CurveError, Domain
 from ..part import Solid
 from ..reduction import Struts
 from .derivative import CurveMotion, NodeMotion
-from .fair import faired
 from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
+from .spread import spread
 from .step import best_step
 from .struts import missing
 from .surface import Surface, SurfaceMotion
@@ -41,9 +41,6 @@ _PRICE, _IDLE, _TRIED = 0.01, 2e-3, 3
 _MAKING = 1e-3
 #: Rounds in which sizes are mended, and squares of the minimum member more that this may take
 _MENDED, _MORE = 3, 0.1
-#: Length of a step, in minimum members, from which on ripples are smoothed in full: short steps
-#: would lose by that what they gain, and come to no end
-_FULL = 0.25
 
 
 @dataclass(frozen=True)
@@ -99,11 +96,10 @@ class Kind(ABC, Generic[B]):
     def size(self, boundary: B, given: float | None) -> float:
         """The size of cells [m], by default one that is fine enough for psi and the members."""
 
-    def mended(self, boundary: B, missed: float, reach: float, length: float) -> B:
-        """The same with what a step leaves mended, if that is not done as it moves.
+    def mended(self, boundary: B, missed: float, reach: float) -> B:
+        """The boundary with sizes mended that a step has left too small.
 
-        ``missed`` is the share by which sizes may be missed, ``reach`` that of a step at most and
-        ``length`` that of this one, in members.
+        Sizes may be missed by a share ``missed``; ``reach`` is the longest step, in members.
         """
         return boundary
 
@@ -178,8 +174,8 @@ class InThePlane(Kind[Boundary]):
             return given
         return min(_SIZE * boundary.member, _enough(boundary))
 
-    def mended(self, boundary: Boundary, missed: float, reach: float, length: float) -> Boundary:
-        boundary = faired(boundary, min(1.0, length / _FULL))
+    def mended(self, boundary: Boundary, missed: float, reach: float) -> Boundary:
+        boundary = spread(boundary)
         most, shares, member = _area(boundary)[0], boundary.shares, boundary.member
         metric = (shares.T @ boundary.metric(self.pace.smooth * member) @ shares).tocsc()
         still, held = np.zeros(shares.shape[1]), shares.T @ boundary.held > 0

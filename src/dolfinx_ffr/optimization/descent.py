@@ -317,9 +317,7 @@ class Descent:
             with shaping():
                 moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
                 if self.turn == math.inf:  # a step along tangents misses sizes, and costs a value
-                    for n, b in moved.items():
-                        length = float(np.max(np.abs(step.offsets[n]))) / b.member
-                        moved[n] = self.kind.mended(b, HELD, LONGEST, length)
+                    moved = {n: self.kind.mended(b, HELD, LONGEST) for n, b in moved.items()}
             return self.tried(moved)
         except TrialFailed:
             return None
