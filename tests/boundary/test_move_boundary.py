@@ -242,9 +242,11 @@ def test_nodes_follow_the_controls() -> None:
 
 
 @pytest.mark.slow
-def test_psi_falls_and_members_stay() -> None:
+def test_psi_falls_and_members_stay(capsys: pytest.CaptureFixture[str]) -> None:
     problem, boundary = scene()
-    result = move_boundary(problem, boundary, iterations=4, volume=0.79, progress=False)
+    result = move_boundary(problem, boundary, iterations=4, volume=0.79)
+    # the bar stands still, but shows what is tried
+    assert f"psi {result.history['psi'][0]:.5g}, trial 2 between steps" in capsys.readouterr().err
     history = result.history
     assert len(history["psi"]) == 1 + 4 + 1  # the start, the steps, and the result on finer meshes
     assert history["psi"][-1] < 0.99 * history["psi"][0]
@@ -262,60 +264,13 @@ def test_psi_falls_and_members_stay() -> None:
     assert result.psi == pytest.approx(history["psi"].min(), rel=2e-3)
 
 
-def test_a_strut_that_ends_free_goes() -> None:
-    """It is found beside corners and struts that carry, and tried without."""
-    problem, boundary = scene(alone=True)
-    here, top, end = CENTERS[3], 0.012, -0.005
-
-    def with_spur(x: np.ndarray) -> np.ndarray:
-        along = np.clip(x[:, 1], end, top)
-        away = np.hypot(x[:, 0] - here, x[:, 1] - along)
-        return np.maximum(field(x), 1.6e-3 - away)
-
-    part = ffr.Part(boundary.body, with_spur, 0.01)
-    spurred = Boundary.of(part, MEMBER)
-    (spur,) = spurred.spurs
-    assert spur.centroid.x == pytest.approx(here, abs=5e-4) and end < spur.centroid.y < top
-    assert boundary.spurs == []
-    ((trimmed, count, _),) = InThePlane().simpler(spurred, {}, {})
-    assert count == 1
-    assert trimmed.spurs == [] and len(trimmed.holes) == len(spurred.holes)
-    assert psi(problem, trimmed)[1].psi < psi(problem, spurred)[1].psi
-
-
-def test_small_holes_are_tried_without() -> None:
-    _, boundary = scene(alone=True)
-
-    def pocketed(x: np.ndarray) -> np.ndarray:
-        away = np.hypot(x[:, 0] - 0.5 * (CENTERS[3] + CENTERS[4]), x[:, 1])
-        return np.minimum(field(x), away - 4e-3)
-
-    given = Boundary.of(ffr.Part(boundary.body, pocketed, 0.01), MEMBER)
-    assert len(given.holes) == len(boundary.holes) + 1
-    ((without, count, making),) = InThePlane().simpler(given, {}, {})
-    assert count == 1 and making == 1e-3  # psi may rise by as much
-    assert len(without.holes) == len(boundary.holes)
-    assert not list(InThePlane().simpler(boundary, {}, {}))
-
-
-@pytest.mark.slow
-def test_struts_that_cost_more_than_they_carry_go(capsys: pytest.CaptureFixture[str]) -> None:
-    """Of a row of struts of 4 mm, too many for the rod; others stay, and psi is less for it."""
-    problem, boundary = scene(alone=True)
-    body, centers = boundary.body, np.linspace(0.028, 0.372, 17)
-
-    def row(x: np.ndarray) -> np.ndarray:
-        sides = ((x[:, :1] - centers) / 0.0085) ** 4 + (x[:, 1:2] / 0.0135) ** 4
-        return 0.008 * (np.min(sides, axis=1) ** 0.25 - 1.0)
-
-    lines = ffr.mirror_lines(body)
-    start = Boundary.of(ffr.Part(body, row, 0.01), 4e-3, spacing=5e-3, mirrors=lines)
-    assert len(start.holes) == len(centers)
-    result = move_boundary(problem, start, volume=0.8, iterations=4)
-    psis, removed = result.history["psi"], result.history["removed"]
-    assert sum(removed) >= 2 and result.psi < 0.85 * psis[0]
-    assert f"psi {psis[0]:.5g}, trial 1 between steps" in (told := capsys.readouterr().err)
-    assert "trial 3 between steps" in told  # the bar stands still, but shows what is tried
+def test_struts_that_carry_next_to_nothing_are_tried_without() -> None:
+    boundary = replace(scene(alone=True)[1], member=8e-3, gap=8e-3)
+    first, second, third = sorted(boundary.holes, key=lambda key: boundary.hole(key).centroid.x)[:3]
+    carried = {(first, second): 1e-3, (second, third): 0.05}
+    ((joined, count),) = InThePlane().simpler(boundary, carried)
+    assert count == 1 and len(joined.holes) == len(boundary.holes) - 1
+    assert third in joined.holes and first not in joined.holes
 
 
 @pytest.mark.slow
@@ -345,23 +300,6 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
     excess = result.history["excess"]
     assert np.min(excess[np.argmax(excess) :]) < 0.5 * np.max(excess)
     assert result.psi < 0.8 * result.history["psi"][0]
-
-
-def test_controls_that_crowd_are_set_apart() -> None:
-    """There a curve may crease within less than a step at which radii are looked at otherwise."""
-    _, boundary = scene(alone=True)
-    key = boundary.holes[2]
-    curve = boundary.free[key]
-    control = curve.control.copy()
-    control[[-1, 1]] = control[0] + 0.02 * (control[[-1, 1]] - control[0])
-    control[0] += 5e-6 * boundary.normals[boundary.first[key]]
-    creased = replace(boundary, free={**boundary.free, key: curve.moved(control)})
-    told = radius_rows(creased)
-    assert told.smallest == pytest.approx(creased.smallest_radius, rel=1e-9)
-    assert told.missed > 0.1 and creased.crowded == [key] and not boundary.crowded
-    ((without, count, _),) = InThePlane().simpler(creased, {}, {})
-    assert count == 0 and not without.crowded and radius_rows(without).missed == 0.0
-    assert without.hole(key).area == pytest.approx(creased.hole(key).area, rel=0.03)
 
 
 def test_the_least_largest_stress_is_sought_at_several_places() -> None:

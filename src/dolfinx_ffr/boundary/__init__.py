@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from .kinds import Costs as Costs
+from .kinds import Carried as Carried
 from .kinds import InSpace as InSpace
 from .kinds import InThePlane as InThePlane
 from .kinds import Kind as Kind

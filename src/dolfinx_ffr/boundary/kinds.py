@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from ..arrays import Array
-from ..fem import CurveError, Domain
+from ..fem import CurveError, Domain, ShapeError
 from ..part import Solid
 from ..reduction import Struts
 from .derivative import CurveMotion, NodeMotion
@@ -27,18 +27,15 @@ from .struts import missing
 from .surface import Surface, SurfaceMotion
 
 B = TypeVar("B", Boundary, Surface)
-#: What the minimum width of the strut between two curves costs, as share of psi
-Costs = dict[tuple[int, int], float]
+#: Share of psi that the strut between two curves carries
+Carried = dict[tuple[int, int], float]
 
 #: Size of triangles, in minimum members, and at most in widths of members; and their number at
 #: least, so that psi of a part with few members is told as well; how much larger they may be in
 #: steps in which no stress counts, as psi differs by no more than 0.1 % by them
 _SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
-#: What the minimum width of a strut must cost to be tried without it, or what it carries at most,
-#: as shares of psi, and how many are tried at once: without most others psi is a tenth larger
-_PRICE, _IDLE, _TRIED = 0.01, 2e-3, 3
-#: By which share of psi each small hole must lower it to be worth its making
-_MAKING = 1e-3
+#: Share of psi that a strut carries at most to be tried without it, and how many are tried at once
+_IDLE, _TRIED = 2e-3, 3
 #: Rounds in which sizes are mended, and squares of the minimum member more that this may take
 _MENDED, _MORE = 3, 0.1
 
@@ -115,19 +112,16 @@ class Kind(ABC, Generic[B]):
         """The same with what is drawn mended, to tell the result by."""
         return boundary
 
-    def carried(self, boundary: B, struts: Struts) -> Costs:
-        """What struts carry, by pairs of curves, as shares of psi."""
+    def carried(self, boundary: B, struts: Struts) -> Carried:
+        """What struts carry."""
         return {}
 
-    def simpler(self, boundary: B, costs: Costs, carried: Costs) -> Iterator[tuple[B, int, float]]:
-        """The boundary without what may not pay, how many holes and struts, and their making.
-
-        That is how much psi may rise if they go, as a share of it.
-        """
+    def simpler(self, boundary: B, carried: Carried) -> Iterator[tuple[B, int]]:
+        """The boundary without struts that may not pay, and how many of them are gone."""
         return iter(())
 
-    def braced(self, boundary: B, struts: Struts) -> Iterator[tuple[B, int, float]]:
-        """The boundary with a strut, or windows, more, as `simpler`.
+    def braced(self, boundary: B, struts: Struts) -> Iterator[tuple[B, int]]:
+        """The boundary with a strut, or windows, more, and how many.
 
         One for each that is to be tried, as it may lower psi.
         """
@@ -142,7 +136,7 @@ class InThePlane(Kind[Boundary]):
     """Curves, on meshes of triangles."""
 
     kind, article = Boundary, "a Boundary"
-    pace = Pace(rise=1e-3, drift=math.inf, shorter=0.7, shortest=1e-3, again=0.0, smooth=2.4)
+    pace = Pace(rise=0.0, drift=math.inf, shorter=0.7, shortest=1e-3, again=0.0, smooth=2.4)
     meshes, still = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
@@ -199,45 +193,33 @@ class InThePlane(Kind[Boundary]):
         along = np.einsum("kd,kd->k", control[1] - control[0], before.normals)
         return np.asarray(before.shares.T @ along / before.shares.sum(axis=0).A1 / before.member)
 
-    def braced(self, boundary: Boundary, struts: Struts) -> Iterator[tuple[Boundary, int, float]]:
+    def braced(self, boundary: Boundary, struts: Struts) -> Iterator[tuple[Boundary, int]]:
         for ends in missing(boundary, struts):
             try:
-                yield boundary.braced(ends), 1, 0.0
-            except ValueError:
+                yield boundary.braced(ends), 1
+            except ShapeError:
                 continue
 
-    def carried(self, boundary: Boundary, struts: Struts) -> Costs:
-        domain, found = struts.domain, {}
+    def carried(self, boundary: Boundary, struts: Struts) -> Carried:
+        domain = struts.domain
         x, y = domain.everywhere(domain.centroids)[:, :2].T
         shares = domain.everywhere(struts.carried)
+        carried = Carried()
         for pair, strut in boundary.struts():
             shapely.prepare(strut)
-            found[pair] = float(np.sum(shares[shapely.contains_xy(strut, x, y)]))
-        return found
+            carried[pair] = float(np.sum(shares[shapely.contains_xy(strut, x, y)]))
+        return carried
 
-    def simpler(
-        self, boundary: Boundary, costs: Costs, carried: Costs
-    ) -> Iterator[tuple[Boundary, int, float]]:
-        """Without small holes, crowds of controls, what ends free, idle struts and dear ones."""
-        for holes in boundary.small_holes[:_TRIED]:
-            if len(holes) < len(boundary.holes):
-                yield boundary.without(holes), len(holes), _MAKING * len(holes)
-        every, crowded = set(boundary.holes), boundary.crowded
-        dear = [pair for pair, cost in costs.items() if cost > _PRICE and every.issuperset(pair)]
-        dear.sort(key=lambda pair: -costs[pair])
-        idle = [pair for pair, share in carried.items() if share < _IDLE and every.issuperset(pair)]
+    def simpler(self, boundary: Boundary, carried: Carried) -> Iterator[tuple[Boundary, int]]:
+        holes = set(boundary.holes)
+        idle = [pair for pair, share in carried.items() if share < _IDLE and holes.issuperset(pair)]
         idle.sort(key=lambda pair: carried[pair])
-        pairs = dict.fromkeys([*idle[:_TRIED], *dear[:_TRIED]])
-        tried: list[tuple[Callable[[Any], Boundary], Any]]
-        tried = [(boundary.evened, crowded)] if crowded else []
-        tried += [(boundary.trimmed, spur) for spur in boundary.spurs[:_TRIED]]
-        for without, what in [*tried, *((boundary.joined, pair) for pair in pairs)]:
+        for pair in idle[:_TRIED]:
             try:
-                found = without(what)
-            except ValueError:
+                joined = boundary.joined(pair)
+            except ShapeError:
                 continue
-            fewer = len(boundary.holes) - len(found.holes)
-            yield found, max(fewer, int(what is not crowded)), 0.0
+            yield joined, max(len(holes) - len(joined.holes), 1)
 
 
 def _area(boundary: Boundary) -> tuple[float, Array]:
@@ -279,12 +261,9 @@ class InSpace(Kind[Surface]):
     def finer(self, boundary: Surface) -> Surface:
         return boundary.finer()
 
-    def braced(self, boundary: Surface, struts: Struts) -> Iterator[tuple[Surface, int, float]]:
+    def braced(self, boundary: Surface, struts: Struts) -> Iterator[tuple[Surface, int]]:
         everywhere = struts.domain.everywhere
-        for found, count in boundary.pierced(
-            everywhere(struts.domain.centroids), everywhere(struts.removed)
-        ):
-            yield found, count, 0.0
+        yield from boundary.pierced(everywhere(struts.domain.centroids), everywhere(struts.removed))
 
     def said(self, boundary: Surface) -> list[str]:
         return list(boundary.drawn.warnings)

@@ -42,14 +42,12 @@ from ..fem import (
 from ..part import Part, PartWarning
 from .curve import FreeCurve, kept
 from .sides import Loops, Run, Side, sides_of
-from .spurs import spurs
 from .symmetry import fitted
 
 #: Accuracy of polygons, in minimum members
 _FINE = 5e-3
-#: Area of the smallest hole, and of the smallest that is not tried without, in squares of the
-#: minimum member
-_SPECK, _SMALL = 5.0, 30.0
+#: Area of the smallest hole, in squares of the minimum member
+_SPECK = 5.0
 #: How far from the strut between them holes that are joined are made convex, so that no noses stay,
 #: and half the widths of bays that go and of bays that are filled then, in minimum members
 _CONVEX, _BETWEEN, _OPENED = 3.0, 0.9, 0.5
@@ -64,10 +62,6 @@ _OFF_SOLID = 0.25
 _CLEAR = 0.05
 #: Smallest radius by default, in minimum gaps: that of the narrowest round hole
 _RADIUS = 0.5
-#: How far around a spur its curve is drawn anew, in minimum members, and points of a curve at least
-_TRIMMED, _FEWEST = 0.3, 12
-#: Distance of controls that have come too near each other, in those that they were made with
-_CROWDED = 0.2
 #: Steps along the boundary at which members and gaps are measured, in minimum members
 _STEP = 0.2
 #: Distance by which curves may leave the body or enter a rim, as they are told by points, and
@@ -82,7 +76,6 @@ class Samples:
     points: Array  #: (points, 2) [m]
     normals: Array  #: (points, 2) out of the material
     rows: csr_matrix  #: Shares of the controls, (points, controls); zero where the curve stays
-    curves: Integers  #: (points,) number of the curve that moves, -1 where it stays
 
 
 @dataclass(frozen=True, eq=False)
@@ -417,14 +410,13 @@ class Boundary:
         Sides of solid regions that are beside void, as bores, are among them.
         """
         step = _STEP * self.member
-        points, normals, rows, owner = [], [], [], []
+        points, normals, rows = [], [], []
         for key, curve in self.free.items():
             s = curve.sampled(step)
             value = curve.rows(s)
             points.append(value @ curve.control)
             normals.append(curve.normals(s))
             rows.append(self.wide(value, key))
-            owner.append(np.full(len(s), key))
         # sides of two faces are within the material
         faces = Counter(side.number for _, side in self.sides if not side.free)
         for _, side in self.sides:
@@ -438,9 +430,7 @@ class Boundary:
             points.append(curve_.at(t))
             normals.append(normal / np.linalg.norm(normal, axis=1)[:, None])
             rows.append(csr_matrix((count, self.n_controls)))
-            owner.append(np.full(count, -1))
-        every = csr_matrix(vstack(rows))
-        return Samples(np.vstack(points), np.vstack(normals), every, np.concatenate(owner))
+        return Samples(np.vstack(points), np.vstack(normals), csr_matrix(vstack(rows)))
 
     @property
     def valid(self) -> bool:
@@ -555,58 +545,6 @@ class Boundary:
             raise ShapeError("boundary: no hole is left where there would be a strut")
         return self._with_holes(gone, runs)
 
-    @property
-    def spurs(self) -> list[shapely.Geometry]:
-        """Struts that end free, each with its mirror images, the longest first."""
-        curves = [(self._points(curve), curve.closed) for curve in self.free.values()]
-        return spurs(curves, self.material, self.member, self.isometries)
-
-    def _points(self, curve: FreeCurve) -> Array:
-        """Points along a curve from its first to its last, dense beside the minimum member."""
-        s = curve.sampled(_STEP * self.member)
-        return curve.at(s if curve.closed else np.append(s, curve.spans))
-
-    def trimmed(self, spur: shapely.Geometry) -> Boundary:
-        """The boundary without a ``spur``, one of its `spurs`; the curves around are fitted anew.
-
-        ValueError if one of these would have no length any more.
-        """
-        beyond = spur.buffer(_TRIMMED * self.member)
-        runs = {}
-        for key, curve in self.free.items():
-            points = self._points(curve)
-            gone = shapely.contains(beyond, shapely.points(points))
-            if np.any(gone):
-                gone[[0, -1]] &= curve.closed
-                runs[key] = Run(points[~gone], curve.nodes)
-                if len(runs[key].points) < _FEWEST:
-                    raise ShapeError("boundary: nothing is left of a curve without its spur")
-        return self._anew(runs)
-
-    @property
-    def crowded(self) -> list[int]:
-        """The numbers of curves whose controls have come near each other, where they may crease."""
-        found = []
-        for key, curve in self.free.items():
-            x = curve.control if curve.closed else curve.control[1:-1]
-            way = x - np.roll(x, 1, axis=0) if curve.closed else np.diff(x, axis=0)
-            least = _CROWDED * self.spacing * (1.0 if curve.closed else 2.0)
-            if np.min(np.linalg.norm(way, axis=1), initial=np.inf) < least:
-                found.append(key)
-        return found
-
-    def evened(self, keys: Iterable[int]) -> Boundary:
-        """The boundary with the curves of some ``keys`` fitted anew, their controls apart again."""
-        return self._anew({k: Run(self._points(self.free[k]), self.free[k].nodes) for k in keys})
-
-    def _anew(self, runs: dict[int, Run]) -> Boundary:
-        """With curves along runs in the place of those of their numbers."""
-        curves, masters = fitted(list(runs.values()), self.spacing, self.isometries)
-        alike = 1 + max(int(np.max(numbers)) for numbers in self.masters.values())
-        own = dict(zip(runs, curves.values(), strict=True))
-        moved = {k: alike + m for k, m in zip(runs, masters.values(), strict=True)}
-        return replace(self, free={**self.free, **own}, masters={**self.masters, **moved})
-
     def _with_holes(self, gone: Iterable[int], runs: Sequence[Run]) -> Boundary:
         """Without some holes, and with others along closed runs where these were."""
         left = set(gone)
@@ -635,19 +573,6 @@ class Boundary:
         """What the closed curve ``key`` surrounds."""
         curve = self.free[key]
         return shapely.Polygon(curve.at(curve.sampled(_STEP * self.member)))
-
-    @property
-    def small_holes(self) -> list[list[int]]:
-        """Holes that may not be worth their making, each with its images, the smallest first."""
-        holes = {key: self.hole(key) for key in self._below(_SMALL)}
-        found: list[list[int]] = []
-        for key in sorted(holes, key=lambda key: holes[key].area):
-            middle = np.array(holes[key].centroid.coords)
-            images = shapely.MultiPoint(np.vstack([g(middle) for g in self.isometries]))
-            if not any(key in group for group in found):
-                near = (k for k, hole in holes.items() if hole.centroid.distance(images) < self.gap)
-                found.append(list(near))
-        return found
 
     def _below(self, share: float) -> list[int]:
         """The numbers of closed curves around less than so many squares of the minimum member."""

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Integers
+from ..arrays import Array
 from .curve import BENDS
 from .outline import Boundary
 
@@ -29,14 +29,12 @@ class Rows(NamedTuple):
     values: Array  #: (m,)
     slopes: Array | csr_matrix  #: (m, controls) [1/m]
     least: Array  #: Size of which the value is 1 - size / least, (m,) [m]
-    #: For a member the numbers of the two curves beside it, (m, 2); -1 where one stays, or for both
-    members: Integers
 
     @staticmethod
     def none(controls: int) -> Rows:
         """No constraints on a number of controls."""
         empty = np.zeros((0, controls))
-        return Rows(np.zeros(0), empty, np.zeros(0), np.zeros((0, 2), dtype=np.int64))
+        return Rows(np.zeros(0), empty, np.zeros(0))
 
     @property
     def smallest(self) -> float:
@@ -49,11 +47,9 @@ class Rows(NamedTuple):
         return max(0.0, 1.0 - SPARE * (1.0 - float(np.max(self.values, initial=-np.inf))))
 
 
-def _rows(values: list[Array], slopes: list[Array], least: float | Array) -> Rows:
-    """Rows that are of no member."""
-    every = np.concatenate(values)
-    none = np.full((len(every), 2), -1)
-    return Rows(every, np.vstack(slopes), np.broadcast_to(least, every.shape), none)
+def _rows(values: list[Array], slopes: list[Array], least: float) -> Rows:
+    stacked = np.concatenate(values)
+    return Rows(stacked, np.vstack(slopes), np.broadcast_to(least, stacked.shape))
 
 
 def size_rows(boundary: Boundary) -> Rows:
@@ -63,7 +59,7 @@ def size_rows(boundary: Boundary) -> Rows:
     its derivative is exact. Of places that are mirror images one has a constraint.
     """
     samples = boundary.samples()
-    x, n, owner = samples.points, samples.normals, samples.curves
+    x, n = samples.points, samples.normals
     widest = SEEN * max(boundary.member, boundary.gap)
     pairs = cKDTree(x).query_pairs(widest, output_type="ndarray")
     pairs = pairs[np.einsum("ij,ij->i", n[pairs[:, 0]], n[pairs[:, 1]]) < _FACING]
@@ -72,7 +68,7 @@ def size_rows(boundary: Boundary) -> Rows:
     distance = np.linalg.norm(way, axis=1)
     moves = np.diff(samples.rows.indptr) > 0
     values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
-    beside, minima = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)]
+    minima = [np.zeros(0)]
     # through the material, and through the void
     for side, least in ((-1.0, SPARE * boundary.member), (1.0, SPARE * boundary.gap)):
         met = side * np.einsum("ij,ij->i", way, n[i]) > _ACROSS * distance
@@ -91,10 +87,7 @@ def size_rows(boundary: Boundary) -> Rows:
         values.append(1.0 - distance[chosen] / least)
         slopes.append(-apart.toarray() * projected / least)
         minima.append(np.full(len(chosen), least))
-        pair = np.column_stack([owner[i[chosen]], owner[j[chosen]]])
-        beside.append(pair if side < 0.0 else np.full_like(pair, -1))
-    rows = np.concatenate(values), np.concatenate(slopes)
-    return Rows(*rows, np.concatenate(minima), np.concatenate(beside))
+    return Rows(np.concatenate(values), np.concatenate(slopes), np.concatenate(minima))
 
 
 def radius_rows(boundary: Boundary) -> Rows:

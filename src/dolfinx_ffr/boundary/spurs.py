@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
 from ..arrays import Array
-from ..design import Isometry, images
 from ..part import Part, solid_regions
 
 #: Width of spurs at most, and way around one at least, in minimum members
@@ -34,35 +33,30 @@ def free_ends(part: Part, member: float, held: Array) -> list[Array]:
     for name in part.body.interfaces:
         stays += [shapely.LineString(c.points(part.accuracy)) for c in part.interface(name)]
     near = shapely.union_all(stays).buffer(0.5 * member)
-    found = spurs(curves, part.polygon, member, images(()))
-    ends = [spur for spur in found if not spur.intersects(near)]
+    ends = [spur for spur in _spurs(curves, part.polygon, member) if not spur.intersects(near)]
     return [np.array(spur.representative_point().coords[0]) for spur in ends]
 
 
-def spurs(
-    curves: Iterable[tuple[Array, bool]],
-    material: shapely.Geometry,
-    member: float,
-    isometries: Sequence[Isometry],
-) -> list[shapely.Geometry]:
-    """What of a ``material`` ends free, each with its mirror images, the longest first.
+def _spurs(
+    curves: Iterable[tuple[Array, bool]], material: shapely.Geometry, member: float
+) -> list[shapely.Polygon]:
+    """What of a ``material`` ends free, the longest first.
 
     A curve that passes a narrow place twice encloses a spur in between, where no other curve is
     inside. The ``curves`` are points (n, 2) with the material on their left, and whether they are
     closed. Lengths are in metres, as the minimum ``member``.
     """
-    found: list[tuple[float, shapely.Geometry]] = []
+    spurs: list[tuple[float, shapely.Polygon]] = []
     inside = material.buffer(0.05 * member)
     shapely.prepare(inside)
     for points, closed in curves:
         for around, spur in _enclosed(points, closed, member):
-            if any(spur.intersects(other) for _, other in found):
+            if any(spur.intersects(other) for _, other in spurs):
                 continue
             if spur.is_valid and inside.covers(spur):
-                whole = [shapely.transform(spur, image) for image in isometries]
-                found.append((around, shapely.union_all(whole)))
-    found.sort(key=lambda pair: -pair[0])
-    return [piece for _, piece in found]
+                spurs.append((around, spur))
+    spurs.sort(key=lambda pair: -pair[0])
+    return [spur for _, spur in spurs]
 
 
 def _enclosed(x: Array, closed: bool, member: float) -> Iterator[tuple[float, shapely.Polygon]]:

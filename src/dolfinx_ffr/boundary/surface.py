@@ -435,8 +435,7 @@ class Surface:
         least = least or SPARE * self.member
         slopes = diags(-2.0 / (1.0 - cosine) / least) @ there
         values = 1.0 - walls.thickness[first] / least
-        none = np.full((len(first), 2), -1)
-        return Rows(values, csr_matrix(slopes), np.full(len(first), least), none)
+        return Rows(values, csr_matrix(slopes), np.full(len(first), least))
 
     def finer(self) -> Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Integers
 from ..design import Isometry
-from ..fem import connected
+from ..fem import CurveError, connected
 from .curve import FreeCurve
 from .sides import Run
 
@@ -63,7 +63,7 @@ def _images(
         k = int(np.argmin(far))
         if far[k] > near:
             x, y = 1e3 * np.mean(run.points, axis=0)
-            raise ValueError(
+            raise CurveError(
                 f"boundary: the curve near ({x:.4g}, {y:.4g}) mm has no mirror image to "
                 f"{1e3 * near:.3g} mm; take a design with these mirrors, or leave them out"
             )

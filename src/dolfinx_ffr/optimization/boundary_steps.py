@@ -28,7 +28,7 @@ from .result import BoundaryResult, drawn_of, ranks_of
 from .running import interruptible, warnings_above
 from .signed_log import SignedLog
 from .steps_checkpoint import Learnt, StepsCheckpoint
-from .topology import GONE, changed, shifted
+from .topology import changed, shifted
 from .trial_failed import TrialFailed
 
 #: First step, in minimum members, and factor of the reach after one that is better
@@ -216,8 +216,8 @@ def _descended(
             for stuck in (False, True):
                 if (stuck or number % EVERY == 1) and number < max(steps - 1, 2):
                     before, there = trial, descent.step(trial, slopes, reach)
-                    own = slopes.evaluation, there, weight
-                    trial, inserted, removed = changed(descent, trial, *own, stuck, number == 1)
+                    own = slopes.evaluation, there.of_bounds, weight
+                    trial, inserted, removed = changed(descent, trial, *own, stuck)
                     if trial is not before:
                         before.release()
                         slopes, reach = descent.slopes(trial, margin), max(reach, pace.again)
@@ -267,7 +267,7 @@ def _descended(
                         best = descent.tried(best.boundaries)
                         best.release()
                 reach = max(reach, pace.again)
-            if trial.rank(weight, GONE if removed else 0.0) <= best.rank(weight):
+            if trial.rank(weight) <= best.rank(weight):
                 best, known = trial, errors
             longest = max(float(np.max(np.abs(a))) for a in step.offsets.values())
             told.append(trial.told(longest, rejected, removed, inserted))

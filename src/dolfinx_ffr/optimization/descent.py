@@ -18,7 +18,6 @@ from scipy.sparse import vstack as sparse_vstack
 from ..arrays import Array
 from ..boundary import (
     Boundary,
-    Costs,
     InSpace,
     InThePlane,
     Kind,
@@ -50,7 +49,8 @@ LONGEST, _SMOOTHER = 0.65, 2.4
 _SPARED = 5e-3
 #: By which share a step lowers the largest stress, where that is the objective
 _LOWERED = 0.05
-#: Weight of the largest violation of sizes in the merit, which decides whether a step is taken
+#: Weight of the largest violation of sizes in the merit, which decides whether a step is taken:
+#: without it no step from a part with members that are too thin is better
 _OF_SIZES = 0.05
 #: Violation of bounds and of minimum sizes up to which a boundary may be the best one
 HELD = 2e-3
@@ -83,21 +83,18 @@ class Trial:
         return max(0.0, *self.kept.values()) if self.excesses else 0.0
 
     def merit(self, of_bounds: float) -> float:
-        """Logarithm of psi, of any sign, and the violations with their weights."""
+        """Logarithm of psi, of any sign, and the largest violations with their weights."""
         rows = [*self.sizes.values(), *self.radii.values()]
         narrow = max((float(np.max(part.values, initial=0.0)) for part in rows), default=0.0)
-        return self.carries(of_bounds) + _OF_SIZES * narrow
+        return self.without_sizes(of_bounds) + _OF_SIZES * narrow
 
-    def carries(self, of_bounds: float) -> float:
-        """The same without sizes, which steps mend where a strut has gone."""
+    def without_sizes(self, of_bounds: float) -> float:
+        """The merit without sizes, which steps mend where a strut has gone."""
         return self.logarithm.value(self.evaluation.psi) + of_bounds * self.excess
 
-    def rank(self, of_bounds: float, worth: float = 0.0) -> tuple[bool, float]:
-        """Which is the best: one that keeps bounds and sizes, and of those the least merit.
-
-        The merit is less by what it is ``worth`` that something has gone.
-        """
-        return max(self.excess, self.missed) > HELD, self.merit(of_bounds) - worth
+    def rank(self, of_bounds: float) -> tuple[bool, float]:
+        """Which trial is the best: one that satisfies bounds and sizes, and of those by merit."""
+        return max(self.excess, self.missed) > HELD, self.merit(of_bounds)
 
     @property
     def missed(self) -> float:
@@ -273,19 +270,13 @@ class Descent:
             ranks_of(self.problem),
             lambda: best_step(metric, found.psi, *constraints, held, reach, curved),
         )
-        cost = step.multipliers
-        offsets, costs, first, row = {}, {}, 0, 0
+        offsets, first = {}, 0
         for name, boundary in boundaries.items():
             count, shares = boundary.shares.shape[1], boundary.shares
             offsets[name] = boundary.member * (shares @ step.offsets[first : first + count])
             first += count
-            costs[name] = own = Costs()
-            for pair in trial.sizes[name].members.tolist():
-                a, b = sorted(pair)
-                if 0 <= a < b and cost[row] > 0.0:
-                    own[a, b] = own.get((a, b), 0.0) + float(cost[row])
-                row += 1
-        return Step(offsets, costs, cost[len(cost) - found.bounds :], step.promised)
+        multipliers = step.multipliers[len(step.multipliers) - found.bounds :]
+        return Step(offsets, multipliers, step.promised)
 
     def secants(self, known: Array, trial: Trial, found: Slopes, after: Trial) -> Array:
         """What is ``known`` by the last steps, with the one from a trial to that ``after`` it.
@@ -390,7 +381,6 @@ class Step:
     """A step of all boundaries."""
 
     offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
-    costs: dict[str, Costs]  #: Of struts, by body
     of_bounds: Array  #: Multipliers of constraints and volumes, in units of log psi
     promised: float  #: Fall of log psi by its slopes and the curvature that is known
 

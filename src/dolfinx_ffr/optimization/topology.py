@@ -11,15 +11,15 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..arrays import Array
-from ..boundary import Boundary, Costs, slides
+from ..boundary import Boundary, Carried, slides
 from ..problem import Evaluation
 from ..reduction import Struts
-from .descent import Descent, Slopes, Step, Trial
+from .descent import Descent, Slopes, Trial
 from .trial_failed import TrialFailed, shaping
 
-#: Fall of log psi at least for which a strut is inserted, rise up to which one, or a hole, goes,
-#: and where no step is better otherwise
-_WORTH, GONE, _STUCK = 1e-3, 5e-4, 2e-3
+#: Fall of log psi for which a strut is inserted, rise up to which an idle one goes, and the same
+#: where no step is better otherwise
+_WORTH, _GONE, _STUCK = 1e-3, 5e-4, 2e-3
 #: Least share of psi that a body's stiffness carries
 _STIFF = 0.1
 #: How often struts are inserted, and things go, between two steps
@@ -33,33 +33,33 @@ def changed(
     descent: Descent,
     trial: Trial,
     evaluation: Evaluation,
-    step: Step,
+    multipliers: Array,
     weight: float,
     stuck: bool,
-    first: bool,
 ) -> tuple[Trial, int, int]:
-    """With struts and windows that were missing, without what does not pay.
+    """Insert promising struts or windows, delete idle struts; the trial and both counts.
 
-    And how many of both.
-
-    The ``evaluation`` is that of the trial with its derivatives, and the ``step`` the best one from
-    there: they choose what is tried, and the values decide, by log psi and a ``weight`` of bounds.
-    Where steps are ``stuck``, psi may rise by more; before the ``first`` small holes may yet grow.
+    The ``evaluation`` of the trial with its derivatives, and the ``multipliers`` of its bounds,
+    choose what is tried. The value decides: log psi with a ``weight`` of violated bounds. Where
+    steps are ``stuck``, psi may rise by more.
     """
     inserted, removed = 0, 0
-    given = struts = _struts(descent, trial, evaluation, step)
+    struts = first_struts = _struts(descent, trial, evaluation, multipliers)
     while inserted < _MOST:
-        more = _braced(descent, trial, struts, weight)
-        if more is None:
+        better = _braced(descent, trial, struts, weight)
+        if better is None:
             break
-        trial, inserted = more[0], inserted + more[1]
-        there = trial.problem.differentiate(trial.evaluation, densities=False)
-        struts = _struts(descent, trial, there, step)
+        trial, inserted = better[0], inserted + better[1]
+        differentiated = trial.problem.differentiate(trial.evaluation, densities=False)
+        struts = _struts(descent, trial, differentiated, multipliers)
     # what was inserted counts as idle: the next strut may have made it needless
-    carried = {n: descent.kind.carried(trial.boundaries[n], own) for n, own in given.items()}
-    rise = _STUCK if stuck else GONE
+    carried = {
+        name: descent.kind.carried(trial.boundaries[name], body_struts)
+        for name, body_struts in first_struts.items()
+    }
+    rise = _STUCK if stuck else _GONE
     for _ in range(_MOST):
-        trial, fewer = _simpler(descent, trial, step.costs, carried, weight, rise, first)
+        trial, fewer = _simpler(descent, trial, carried, weight, rise)
         removed += fewer
         if not fewer:
             break
@@ -67,36 +67,36 @@ def changed(
 
 
 def _struts(
-    descent: Descent, trial: Trial, evaluation: Evaluation, step: Step
+    descent: Descent, trial: Trial, evaluation: Evaluation, multipliers: Array
 ) -> dict[str, Struts]:
-    """What struts of bodies carry, and others would, of log psi and bounds, and what holes change.
+    """Sensitivity of the Lagrangian to the stiffness of every possible strut, by body.
 
     Not where the largest stress counts, as that depends on more than the volume integrals, and not
     of bodies whose stiffness hardly counts.
     """
-    found: dict[str, Struts] = {}
+    sensitivities: dict[str, Struts] = {}
     if descent.turn < math.inf:
-        return found
+        return sensitivities
     for name in trial.boundaries:
         body, bars = trial.problem.flexible[name], evaluation.integrals_gradient or {}
         bar = bars[name].scaled(trial.logarithm.slope(evaluation.psi))
-        for bound, cost in zip(evaluation.constraints.values(), step.of_bounds, strict=False):
+        for bound, cost in zip(evaluation.constraints.values(), multipliers, strict=False):
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
-        own = body.struts(evaluation.bodies[name], bar)
-        if body.domain.sum(own.carried) > _STIFF:
-            found[name] = own
-    return found
+        struts = body.struts(evaluation.bodies[name], bar)
+        if body.domain.sum(struts.carried) > _STIFF:
+            sensitivities[name] = struts
+    return sensitivities
 
 
-def _tried(
-    descent: Descent, trial: Trial, name: str, others: Iterator[tuple[Any, int, float]]
-) -> Iterator[tuple[Trial, int, float]]:
-    """Those of the ``others`` in the place of a boundary that can be meshed and simulated."""
-    for changed, count, making in others:
+def _evaluated(
+    descent: Descent, trial: Trial, name: str, changes: Iterator[tuple[Any, int]]
+) -> Iterator[tuple[Trial, int]]:
+    """The trials with one boundary changed that can be meshed and simulated, and their counts."""
+    for boundary, count in changes:
         descent.tell(f"psi {trial.evaluation.psi:.5g}")
         try:
-            yield descent.tried({**trial.boundaries, name: changed}), count, making
+            yield descent.tried({**trial.boundaries, name: boundary}), count
         except TrialFailed:
             continue
 
@@ -104,39 +104,31 @@ def _tried(
 def _braced(
     descent: Descent, trial: Trial, struts: dict[str, Struts], weight: float
 ) -> tuple[Trial, int] | None:
-    """With a strut across a hole, or windows, that lower psi, and how many.
+    """The first trial with a strut across a hole, or with windows, that lowers psi; and how many.
 
-    None if there are none.
+    None if there is none.
     """
-    for name, own in struts.items():
-        others = descent.kind.braced(trial.boundaries[name], own)
-        for other, count, _ in _tried(descent, trial, name, others):
-            if other.carries(weight) < trial.carries(weight) - _WORTH:
+    for name, body_struts in struts.items():
+        changes = descent.kind.braced(trial.boundaries[name], body_struts)
+        for other, count in _evaluated(descent, trial, name, changes):
+            if other.without_sizes(weight) < trial.without_sizes(weight) - _WORTH:
                 return other, count
             other.release()
     return None
 
 
 def _simpler(
-    descent: Descent,
-    trial: Trial,
-    costs: dict[str, Costs],
-    carried: dict[str, Costs],
-    weight: float,
-    rise: float,
-    first: bool,
+    descent: Descent, trial: Trial, carried: dict[str, Carried], weight: float, rise: float
 ) -> tuple[Trial, int]:
-    """Without struts and holes that do not pay, and how many of them went."""
+    """The best trial without idle struts whose merit rises by less, and how many are gone."""
     removed = 0
     for name, boundary in trial.boundaries.items():
-        others = descent.kind.simpler(boundary, costs[name], carried.get(name, {}))
-        there = trial.carries(weight), trial, 0
-        found = [
-            (other.carries(weight) - (rise if first else max(rise, making)), other, fewer)
-            for other, fewer, making in _tried(descent, trial, name, others)
-        ]
-        _, trial, fewer = min([there, *found], key=lambda each: each[0])
-        removed += fewer
+        changes = descent.kind.simpler(boundary, carried.get(name, {}))
+        best, least, fewer = trial, trial.without_sizes(weight) + rise, 0
+        for other, count in _evaluated(descent, trial, name, changes):
+            if other.without_sizes(weight) < least:
+                best, least, fewer = other, other.without_sizes(weight), count
+        trial, removed = best, removed + fewer
     return trial, removed
 
 
@@ -178,7 +170,7 @@ def shifted(
     there = descent.slopes(first)
     bends = (along(there) - slope) * lengths / _SLIDE**2
     second = slid(-slope * (lengths != 0.0) / np.maximum(bends, np.abs(slope) / _FARTHEST + 1e-12))
-    best = min(trial, first, second or trial, key=lambda each: each.carries(weight))
+    best = min(trial, first, second or trial, key=lambda each: each.without_sizes(weight))
     if best is second:
         return second, descent.slopes(second)
     return (first, there) if best is first else (trial, slopes)
