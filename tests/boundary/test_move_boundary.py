@@ -32,8 +32,8 @@ from dolfinx_ffr.fem import CurveError
 from dolfinx_ffr.io import load_checkpoint, save_checkpoint
 from dolfinx_ffr.optimization import BoundaryResult, move_boundary
 from dolfinx_ffr.optimization import descent as descent_module
+from dolfinx_ffr.optimization.checkpoint import Checkpoint
 from dolfinx_ffr.optimization.descent import Descent, Trial
-from dolfinx_ffr.optimization.steps_checkpoint import Kept, StepsCheckpoint
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
@@ -331,8 +331,8 @@ def test_a_bound_that_only_finer_meshes_exceed_is_tightened(
 
     def off(descent: Descent, trial: Trial) -> tuple[Trial, float]:
         told, change = finer(descent, trial)
-        found.append(told.excesses["soft"])
-        return replace(told, excesses={"soft": found[-1] + 0.01}), change
+        found.append(told.violations["soft"])
+        return replace(told, violations={"soft": found[-1] + 0.01}), change
 
     monkeypatch.setattr(Descent, "finer", off)
     short = {"iterations": 3, "progress": False, "mode_tolerance": None}
@@ -529,16 +529,18 @@ def test_steps_go_on_where_they_were_ended(
         assert result.moved is not None
         return result.moved
 
-    save, saved, path = StepsCheckpoint.save, [], shared_tmp_path / "checkpoint"
+    save, saved, path = Checkpoint.save, [], shared_tmp_path / "checkpoint"
 
-    def kept_too(self: StepsCheckpoint, kept: Kept) -> None:
-        save(self, kept)
-        saved.append((kept, load_checkpoint(domain.comm, path)))
+    def saved_too(self: Checkpoint, phase: str, state: Any) -> None:
+        save(self, phase, state)
+        if phase == "boundary":
+            saved.append(load_checkpoint(domain.comm, path))
 
-    monkeypatch.setattr(StepsCheckpoint, "save", kept_too)
+    monkeypatch.setattr(Checkpoint, "save", saved_too)
     whole, steps = run(), list(saved)
-    assert steps[1][0].known.shape[:2] == (2, 3)  # a slide of struts is one of them
-    save_checkpoint(domain.comm, path, steps[1][1])
+    secants = steps[1]["boundary steps secants"]
+    assert secants.shape[:2] == (2, 3)  # a slide of struts is one of them
+    save_checkpoint(domain.comm, path, steps[1])
     rest = run(resume=True)
     assert len(saved) == 2 * len(steps) - 2  # those before are not made again
     one, near = domain.comm.size == 1, 1e-4
@@ -547,8 +549,8 @@ def test_steps_go_on_where_they_were_ended(
         np.testing.assert_array_equal(rest.history[name][exact], column[exact], name)
         if name != "cells":
             assert rest.history[name] == pytest.approx(column, rel=near, abs=near), name
-    there, here = (kept.now["rod"].state() for kept, _ in (steps[2], saved[len(steps)]))
-    np.testing.assert_allclose(here["control"], there["control"], rtol=0.0, atol=1e-10)
+    control = "boundary steps now rod control"
+    np.testing.assert_allclose(saved[len(steps)][control], steps[2][control], rtol=0.0, atol=1e-10)
     assert len(rest.materials["rod"]) == len(whole.materials["rod"])
     # once it has ended, nothing is left to do
     again = run(resume=True)

@@ -197,7 +197,7 @@ def test_boundaries_of_pockets_have_exact_slopes_on_all_ranks() -> None:
     ends = [descent.tried({"rod": boundary.moved(s * h * MEMBER * along)}) for s in (1.0, -1.0)]
     psi = [np.log(end.evaluation.psi) for end in ends]
     assert (psi[0] - psi[1]) / (2.0 * h) == pytest.approx(float(slopes.psi @ steepest), rel=5e-3)
-    filled = [end.excesses["volume of rod"] for end in ends]
+    filled = [end.violations["volume of rod"] for end in ends]
     slope = float(slopes.slopes[-1] @ steepest)
     assert (filled[0] - filled[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-3)
 

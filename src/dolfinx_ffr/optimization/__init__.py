@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from .boundary_steps import move_boundary as move_boundary
+from .boundary_phase import move_boundary as move_boundary
 from .level_set_evolution import LevelSetEvolution as LevelSetEvolution
 from .loop import DesignLoop as DesignLoop
 from .loop import Distance as Distance

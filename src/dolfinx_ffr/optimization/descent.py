@@ -30,12 +30,11 @@ from ..boundary import (
 from ..mechanical_problem import MechanicalProblem
 from ..objective import Constraint, PeakStress, Response, is_stress, value_of
 from ..parallel import on_rank_0
-from ..part import STRESSED, TURN
+from ..part import STRESSED, TURN, Part, Solid
 from ..problem import Evaluation, Problem
-from .enough_modes import chosen_methods, with_enough_modes, with_methods, with_steps_for
+from .enough_modes import with_enough_modes, with_steps_for
 from .result import drawn_of, ranks_of
 from .signed_log import SignedLog, check_start
-from .steps_checkpoint import Kept, Learnt
 from .trial_failed import TrialFailed, shaping, simulating
 
 #: By the dimension of the bodies
@@ -67,20 +66,30 @@ class Trial:
     evaluation: Evaluation
     sizes: dict[str, Rows]  #: Of members and gaps
     radii: dict[str, Rows]
-    excesses: dict[str, float]  #: Values of constraints by name, positive where they are violated
+    violations: dict[str, float]  #: Values of constraints by name, positive where they are violated
     spare: dict[str, float]  #: By how much more than to their bounds some of them are kept
     logarithm: SignedLog  #: By which psi is compared
     warned: tuple[warnings.WarningMessage, ...] = ()  #: What was said while it was computed
 
     @property
-    def kept(self) -> dict[str, float]:
-        """What the steps keep below zero, by the names of the constraints."""
-        return {name: value + self.spare.get(name, 0.0) for name, value in self.excesses.items()}
+    def parts(self) -> dict[str, Part | Solid]:
+        """What the boundaries enclose, by body."""
+        return {name: drawn_of(boundary) for name, boundary in self.boundaries.items()}
+
+    @property
+    def missed_radii(self) -> dict[str, float]:
+        """Share by which the smallest radius of each body is below its minimum."""
+        return {name: rows.missed for name, rows in self.radii.items()}
+
+    @property
+    def with_margins(self) -> dict[str, float]:
+        """Values of the constraints with their safety margins, by name."""
+        return {name: value + self.spare.get(name, 0.0) for name, value in self.violations.items()}
 
     @property
     def excess(self) -> float:
         """Largest violation of what the steps keep, at least zero."""
-        return max(0.0, *self.kept.values()) if self.excesses else 0.0
+        return max(0.0, *self.with_margins.values()) if self.violations else 0.0
 
     def merit(self, of_bounds: float) -> float:
         """Logarithm of psi, of any sign, and the largest violations with their weights."""
@@ -116,7 +125,7 @@ class Trial:
             "volume": area / sum(b.body.area for b in self.boundaries.values()),
             "narrowest": min(rows.smallest for rows in self.sizes.values()),
             "tightest": min(rows.smallest for rows in self.radii.values()),
-            "excess": max(0.0, *self.excesses.values()) if self.excesses else 0.0,
+            "excess": max(0.0, *self.violations.values()) if self.violations else 0.0,
             "step": step,
             "cells": sum(bodies[name].domain.n_cells_global for name in self.boundaries),
             "modes": sum(bodies[name].modes for name in self.boundaries),
@@ -198,14 +207,14 @@ class Descent:
         if logarithm is None:
             check_start("boundary", found.psi)
             logarithm = SignedLog.around(found.psi)
-        excesses = {name: float(bound.violation) for name, bound in found.constraints.items()}
+        violations = {name: float(bound.violation) for name, bound in found.constraints.items()}
         for name, most in self.volume.items():
             domain = problem.flexible[name].domain
             share = found.volume[name] * domain.area / boundaries[name].body.area
-            excesses[f"volume of {name}"] = share / most - 1.0
+            violations[f"volume of {name}"] = share / most - 1.0
         sizes = {name: self.kind.sizes(boundary) for name, boundary in boundaries.items()}
         radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
-        geometric = sizes, radii, excesses
+        geometric = sizes, radii, violations
         return Trial(boundaries, problem, found, *geometric, self.spare, logarithm)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
@@ -231,12 +240,12 @@ class Descent:
             return csr_matrix(sparse_block_diag(own)) if issparse(own[0]) else block_diag(*own)
 
         bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
-        excesses = []
+        violations = []
         for name, bound in evaluation.constraints.items():
             # of several parts of a bound each is kept as that
             own = [v for n, v in trial.spare.items() if name == n or name.startswith(f"{n}, part")]
-            excesses.append(float(bound.violation) + max(own, default=0.0) + margin)
-        excesses += [trial.kept[f"volume of {name}"] for name in self.volume]
+            violations.append(float(bound.violation) + max(own, default=0.0) + margin)
+        violations += [trial.with_margins[f"volume of {name}"] for name in self.volume]
         for name, most in self.volume.items():
             body = bodies[name]
             areas = body.measures_pullback(evaluation.bodies[name].density, None)
@@ -248,7 +257,7 @@ class Descent:
         values = [part.values for part in every]
         return Slopes(
             trial.logarithm.slope(evaluation.psi) * along(evaluation.nodes),
-            np.concatenate([*values, excesses]),
+            np.concatenate([*values, violations]),
             _stacked([*map(rows, geometric), *(row[None] for row in bounds)]),
             len(bounds),
             evaluation,
@@ -286,21 +295,6 @@ class Descent:
         ways = [self.kind.way(b, after.boundaries[n]) for n, b in trial.boundaries.items()]
         moves = np.concatenate(ways)
         return secants(known, moves, found.psi) if moves.size and self.turn == math.inf else NONE
-
-    def kept(self, learnt: Learnt, trial: Trial, best: Trial, *others: Any) -> Kept:
-        """The state after a step; ``others`` are the last fields of `Kept`."""
-        modes = {name: body.modes for name, body in self.problem.flexible.items()}
-        also = None if best is trial else best.boundaries
-        methods = chosen_methods(self.problem)
-        return Kept(learnt, self.spare, trial.boundaries, also, modes, methods, *others)
-
-    def restored(self, kept: Kept) -> tuple[Descent, Trial, Trial]:
-        """The descent, its boundaries and the best ones in an earlier state."""
-        problem = with_methods(self.problem.with_modes(kept.modes), kept.methods)
-        logarithm = SignedLog.around(kept.told[0]["psi"])
-        descent = replace(self, problem=problem, spare=kept.spare, logarithm=logarithm)
-        trial = descent.tried(kept.now)
-        return descent, trial, descent.tried(kept.best) if kept.best else trial
 
     def moved(self, trial: Trial, step: Step) -> Trial | None:
         """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
@@ -368,12 +362,18 @@ class Descent:
                 break
         return trial, change
 
-    def tightened(self, best: Trial, fine: Trial) -> dict[str, float]:
-        """What to `spare` where ``fine`` meshes of the ``best`` exceed bounds; else empty."""
+    def safety_margins(self, best: Trial, fine: Trial) -> dict[str, float]:
+        """Safety margin of each constraint, enlarged by what finer meshes add to its violation.
+
+        Empty if the ``fine`` meshes of the ``best`` trial satisfy all constraints.
+        """
         if fine.excess <= HELD:
             return {}
-        off = {name: fine.kept[name] - value + HELD for name, value in best.excesses.items()}
-        return {name: max(value, self.spare.get(name, 0.0)) for name, value in off.items()}
+        margins = {}
+        for name, violation in best.violations.items():
+            mesh_error = fine.with_margins[name] - violation
+            margins[name] = max(self.spare.get(name, 0.0), mesh_error + HELD)
+        return margins
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ An optimiser (`LevelSetEvolution`, `MMA`) decides which design is tried next, by
 from __future__ import annotations
 
 import math
-import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,15 +17,14 @@ from typing import Any, ClassVar, Protocol
 from mpi4py import MPI
 
 import numpy as np
-from tqdm.auto import tqdm
 
 from .. import validation
 from ..arrays import Array, Mask
 from ..design import Design, Variables
 from ..fem import Domain
-from ..io import CheckpointError, load_checkpoint, save_checkpoint, write_history
 from ..parallel import check_alike, on_every_rank, on_rank_0, same
 from ..problem import Evaluation, Problem
+from .checkpoint import Checkpoint
 from .enough_modes import (
     EVERY,
     chosen_methods,
@@ -34,12 +32,11 @@ from .enough_modes import (
     with_methods,
     with_steps_for,
 )
+from .history import History, Row
 from .result import Result, gray_fraction, of_problem, ranks_of, warn
-from .running import interruptible, warnings_above
+from .running import Run
 from .signed_log import SignedLog, check_start
-from .steps_checkpoint import StepsCheckpoint
 
-Row = dict[str, float]
 Callback = Callable[[int, Any, Evaluation], None]
 #: By name: designs, arrays of their variables or densities, bounds of volumes
 Designs = Mapping[str, Any]
@@ -204,7 +201,6 @@ class DesignLoop:
         self.gradient = gradient
         self.iterations = iterations
         self.comm: MPI.Comm = ranks_of(problem)
-        self.rows: list[Row] = []
         #: Iterations of a stage at most, see `plan`
         self.stage_iterations = NAN
         self._mode_tolerance, self._followed = mode_tolerance, followed
@@ -212,28 +208,33 @@ class DesignLoop:
         self._calibrates = False
         self._logarithm: SignedLog | None = None
         self._mode_error = self._psi_of_steps = NAN
-        self._columns: list[str] = []
         self._reports: dict[str, GradientReport] = {}
-        self._output, self._resume, self._other_start = output, resume, False
+        self._other_start = False
+        file = None if output is None else output / "history.csv"
+        self.history = History(self.comm, file)
+        path = None if output is None else output / "checkpoint"
+        #: Of all phases of the run
+        self.checkpoint = Checkpoint(self.comm, path, resume)
         self._start = np.concatenate([np.zeros(0), *map(np.ravel, (start or {}).values())])
         self._callback = callback
-        self._interrupted: Callable[[], int] = lambda: 0
-        #: Whether SIGTERM has ended the run, alike on every rank
-        self.terminated = False
+        #: Progress, and the user's wish to stop
+        self.run = Run(self.comm, iterations, "iteration", progress)
         self._began = perf_counter()
-        silent = not progress or self.comm.rank > 0
-        self._bar = tqdm(total=iterations, disable=silent, unit="iteration", dynamic_ncols=True)
+
+    @property
+    def rows(self) -> list[Row]:
+        """Rows of the history."""
+        return self.history.rows
 
     @contextmanager
     def running(self) -> Iterator[None]:
         """Show the progress, catch signals, and warn of each limit once within this context."""
-        with self._bar, warnings_above(self._bar), interruptible(self.comm) as self._interrupted:
+        with self.run.running():
             yield
-            self.terminated = self._interrupted() == signal.SIGTERM
 
     def interrupted(self) -> bool:
         """Whether the user wants to stop, alike on every rank."""
-        return self._interrupted() > 0
+        return bool(self.run.stopped())
 
     def value(self, x: Mapping[str, Array]) -> Evaluation:
         """Objective and constraints at ``x``; a SimulationError where it cannot move."""
@@ -314,16 +315,14 @@ class DesignLoop:
         if len(self.problem.load_cases) > 1:
             cases = list(self.problem.load_cases)
             self._identity["load_cases"] = f"{cases} by {self.problem.combine!r}"
-        path = self._checkpoint
-        if path is None or not self._resume:
+        data = self.checkpoint.section("design") if self.checkpoint.read() else None
+        if data is None:
+            if self.checkpoint.resume and (path := self.checkpoint.path):
+                warn(f"optimize: there is no checkpoint {path} to go on from: the run begins anew")
             return None
-        if not on_rank_0(self.comm, path.is_file):
-            warn(f"optimize: there is no checkpoint {path} to go on from: the run begins anew")
-            return None
-        data = load_checkpoint(self.comm, path)
         for key, value in self._identity.items():
             if key not in data or not same(data[key], value):
-                raise self._other_problem(f"it differs in {key!r}")
+                raise self.checkpoint.of_another_problem(f"it differs in {key!r}")
         self.stage_iterations = float(data.get("stage_iterations", np.nan))
         began = data.get("start", np.zeros(0))
         self._other_start = bool(self._start.size and began.size) and not same(began, self._start)
@@ -333,8 +332,7 @@ class DesignLoop:
             self.problem = self.problem.with_modes(modes)
         self._mode_error = float(data["mode_error"])
         self.problem = with_methods(self.problem, data.get("steps", []))
-        self._columns = [str(name) for name in data["columns"]]
-        self.rows = [dict(zip(self._columns, map(float, row), strict=True)) for row in data["rows"]]
+        self.history.restore(data)
         return data
 
     def plan(self, stages: int, each: int | None) -> None:
@@ -351,53 +349,34 @@ class DesignLoop:
 
         A CheckpointError if psi was another one there.
         """
-        before = self.rows[-1]["psi"]
-        found = self._columns
-        self._columns = self._all_columns(evaluation)
-        names = [set(columns) - set(GRADIENT_COLUMNS) for columns in (found, self._columns)]
+        before, earlier_columns = self.rows[-1]["psi"], self.history.columns
+        columns = self._all_columns(evaluation)
+        names = [set(each) - set(GRADIENT_COLUMNS) for each in (earlier_columns, columns)]
         if names[0] != names[1]:
             what = "the names of bodies, load cases or constraints"
-            raise self._other_problem(f"it differs in {what}")
+            raise self.checkpoint.of_another_problem(f"it differs in {what}")
         if not abs(evaluation.psi - before) <= SAME * abs(before):
-            raise self._other_problem(
+            raise self.checkpoint.of_another_problem(
                 f"psi of its design was {before:.8g} and is {evaluation.psi:.8g} here"
             )
         # the earlier run may have approximated its gradient, or this one may begin to do so
-        self._columns += [name for name in found if name not in self._columns]
-        self.rows = [{n: row.get(n, NAN) for n in self._columns} for row in self.rows]
+        columns += [name for name in earlier_columns if name not in columns]
+        rows = [{name: row.get(name, NAN) for name in columns} for row in self.rows]
+        self.history.columns, self.history.rows = columns, rows
         if self._other_start:
             warn(
-                f"optimize: the run goes on from the checkpoint {self._checkpoint}, and the start "
-                "that is given is not the one that it began with: it counts for nothing. Leave "
+                f"optimize: the run goes on from the checkpoint {self.checkpoint.path}, and the "
+                "start that is given is not the one that it began with: it counts for nothing. Leave "
                 "resume out, or write into another folder, to begin with it"
             )
         self._began = perf_counter() - self.rows[-1]["seconds"]
-        self._bar.update(int(self.rows[-1]["iteration"]))
-        self._write_history()
-
-    def _other_problem(self, why: str) -> CheckpointError:
-        return CheckpointError(
-            f"checkpoint {self._checkpoint} is of another problem: {why}. Delete it to start "
-            "anew, or write into another folder"
-        )
+        self.run.advance(int(self.rows[-1]["iteration"]))
+        self.history.write()
 
     @property
     def _modes(self) -> list[int]:
         """Normal modes of each body."""
         return [body.modes for body in self.problem.flexible.values()]
-
-    @property
-    def checkpoint(self) -> StepsCheckpoint:
-        """For the steps of boundaries that follow."""
-        return StepsCheckpoint(self.comm, self._checkpoint, self._resume)
-
-    @property
-    def _checkpoint(self) -> Path | None:
-        return None if self._output is None else self._output / "checkpoint"
-
-    def _write_history(self) -> None:
-        if self._output is not None:
-            write_history(self.comm, self._output / "history.csv", self._columns, self.rows)
 
     def record(
         self,
@@ -422,34 +401,30 @@ class DesignLoop:
         """
         if iteration == 0:
             self._began = perf_counter()
-            if (path := self._checkpoint) is not None:  # steps of an earlier design
+            if (path := self.checkpoint.path) is not None:  # steps of an earlier design
                 on_rank_0(self.comm, lambda: path.with_name("boundary.csv").unlink(missing_ok=True))
-        if not self._columns:
-            self._columns = self._all_columns(evaluation)
+        if not self.history.columns:
+            self.history.columns = self._all_columns(evaluation)
         seconds = self.comm.bcast(perf_counter() - self._began if iteration else 0.0, root=0)
-        found = {**self._row(x, evaluation), "iteration": iteration, "accepted": int(accepted)}
-        found |= {"step": step, "sharpness": sharpness, "merit": merit}
-        found |= {"multiplier": multiplier, "seconds": seconds}
-        row = {name: found[name] for name in self._columns}
-        self.rows.append(row)
-        self._write_history()
-        if self._checkpoint is not None and state is not None:
-            rows = np.array([[row[name] for name in self._columns] for row in self.rows])
+        row = {**self._row(x, evaluation), "iteration": iteration, "accepted": int(accepted)}
+        row |= {"step": step, "sharpness": sharpness, "merit": merit}
+        row |= {"multiplier": multiplier, "seconds": seconds}
+        self.history.add(row)
+        if state is not None:
             common = {"stage_iterations": self.stage_iterations, "start": self._start}
             common |= {"modes": self._modes, "mode_error": self._mode_error}
-            common |= {"steps": chosen_methods(self.problem)}
-            common |= {"columns": self._columns, "rows": rows}
-            save_checkpoint(self.comm, self._checkpoint, {**state, **self._identity, **common})
+            common |= {"steps": chosen_methods(self.problem), **self.history.state()}
+            self.checkpoint.save("design", {**state, **self._identity, **common})
         if iteration == 0:
             return
-        self._bar.update()
-        said = [f"psi {row['psi']:.4g}"]
+        self.run.advance()
+        texts = [f"psi {row['psi']:.4g}"]
         if self.domains:
-            said.append(f"volume {row['volume']:.3f}")
-            said.append(f"first frequency (interfaces held) {row['frequency']:.4g} Hz")
-        if error := found["gradient_estimate"]:
-            said.append(f"gradient to {error:.1%}")
-        self._bar.set_postfix_str(", ".join(said))
+            texts.append(f"volume {row['volume']:.3f}")
+            texts.append(f"first frequency (interfaces held) {row['frequency']:.4g} Hz")
+        if error := row["gradient_estimate"]:
+            texts.append(f"gradient to {error:.1%}")
+        self.run.show(", ".join(texts))
         with on_every_rank(self.comm, "the callback of a design loop"):
             if self._callback is not None:
                 self._callback(iteration, of_problem(x), evaluation)
@@ -570,7 +545,7 @@ class DesignLoop:
                     f"optimize: {100.0 * gray:.0f} % of {name!r} is gray, neither void nor solid, "
                     f"and no part can be cut out of that: {remedy}"
                 )
-        history = {name: np.array([row[name] for row in self.rows]) for name in self._columns}
+        history = self.history.arrays()
         end = (reason, dict(designs), problem, violations, errors, bounds)
         return Result(densities, dict(variables), told, history, *end, residual=residual)
 

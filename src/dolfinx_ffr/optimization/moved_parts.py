@@ -19,10 +19,10 @@ from ..fem import CurveError
 from ..io import CheckpointError
 from ..parallel import on_every_rank
 from ..part import LoosePieceWarning, Part, PartWarning, Solid
-from .boundary_steps import moved
+from .boundary_phase import moved
+from .checkpoint import Checkpoint
 from .part_checks import part_violations
 from .result import Result, deny, ranks_of, warn
-from .steps_checkpoint import StepsCheckpoint
 from .trial_failed import TrialFailed
 
 #: How parts are made whose curves are smoothed by more, or only looked at
@@ -41,7 +41,7 @@ def with_moved_boundaries(
     steps: int,
     tolerance: float | None,
     progress: bool,
-    checkpoint: StepsCheckpoint,
+    checkpoint: Checkpoint,
 ) -> Result:
     """The result of a run, and that of ``steps`` of the boundaries of its parts.
 

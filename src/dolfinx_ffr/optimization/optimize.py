@@ -168,7 +168,7 @@ def optimize(
                 )
             elif isinstance(problem, Problem) and result.feasible:
                 result = with_checked_parts(result)
-    ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
+    ended = loop.run.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
 
 

@@ -126,3 +126,47 @@ def interruptible(comm: MPI.Comm) -> Iterator[Callable[[], int]]:
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
+
+
+class Run:
+    """The progress of one phase of a run, and the user's wish to stop it.
+
+    Args:
+        comm: The ranks of the run.
+        total: Number of steps, as it is planned.
+        unit: What a step is called.
+        progress: Whether rank 0 shows a progress bar.
+        label: What stands before the bar.
+    """
+
+    def __init__(
+        self, comm: MPI.Comm, total: int, unit: str, progress: bool, label: str | None = None
+    ) -> None:
+        self.comm = comm
+        silent = not progress or comm.rank > 0
+        self.bar = tqdm(total=total, desc=label, unit=unit, disable=silent, dynamic_ncols=True)
+        self._signal: Callable[[], int] = lambda: 0
+        #: Whether SIGTERM has arrived, known at the end
+        self.terminated = False
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Show the progress, catch signals, and warn of each limit once within this context."""
+        with self.bar, warnings_above(self.bar), interruptible(self.comm) as self._signal:
+            yield
+            self.terminated = self.stopped() == "terminated"
+
+    def stopped(self) -> str:
+        """How the user has ended the run, alike on every rank; "" where it goes on."""
+        number = self._signal()
+        if not number:
+            return ""
+        return "terminated" if number == signal.SIGTERM else "interrupted"
+
+    def show(self, text: str) -> None:
+        """Show a text beside the bar."""
+        self.bar.set_postfix_str(text)
+
+    def advance(self, steps: int = 1) -> None:
+        """Move the bar by some steps."""
+        self.bar.update(steps)

@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: MIT
+"""Steps of curves in the plane and of surfaces in space, as an iterator of trials.
+
+A step goes along the best motion within linear constraints. It is halved until it can be meshed and
+simulated and does not raise the merit by more than another mesh alone would.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..boundary import Boundary, Surface
+from .descent import HELD, LONGEST, NONE, Descent, Slopes, Step, Trial
+from .enough_modes import EVERY, chosen_methods, with_methods
+from .signed_log import SignedLog
+from .stepper import BoundaryIterate, numbers_by_name, with_prefix
+from .topology import changed, shifted
+from .trial_failed import TrialFailed
+
+Boundaries = dict[str, Boundary | Surface]
+
+#: First step, in minimum members, and factor of the reach after one that is better
+_FIRST, _LONGER = 0.5, 1.2
+#: Share of what a step promises that it must bring to be better
+_PROMISED = 0.25
+#: Shortest step where the stress counts, in minimum members
+_NOISE = 0.06
+#: By which share of its violation a bound is tightened there, and at most
+_TIGHTENED, _TIGHTEST = 0.4, 0.08
+#: Weight of the largest violation of bounds in the merit, which decides whether a step is taken; at
+#: least so many times the sum of their multipliers, beyond which a penalty is exact
+_OF_BOUNDS, _EXACT = 1.5, 1.5
+
+
+class CurveSteps(Iterator[BoundaryIterate]):
+    """Steps of the boundaries of a problem; ends where no step is better.
+
+    Args:
+        descent: Evaluates boundaries, and finds steps.
+        boundaries: Where the steps begin.
+        steps: Their number, as it is planned.
+        mode_tolerance: Relative error of psi by the normal modes that a body leaves out, or None.
+        state: Of an earlier run from these boundaries, by `state`; None begins.
+    """
+
+    reason = "no better step"
+
+    def __init__(
+        self,
+        descent: Descent,
+        boundaries: Boundaries,
+        steps: int,
+        mode_tolerance: float | None,
+        state: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.start, self.planned = boundaries, steps
+        #: Number of the last step, which is followed by finer meshes
+        self.last = steps
+        #: Number of the step that was taken last
+        self.number = 0
+        self._mode_tolerance = mode_tolerance
+        self._first_modes = {n: body.modes for n, body in descent.problem.flexible.items()}
+        self._descent = descent
+        self._pace = descent.kind.pace
+        self._reach, self._weight, self._margin, self._secants = _FIRST, _OF_BOUNDS, 0.0, NONE
+        if state is None:
+            self._begin(boundaries)
+        else:
+            self._restore(state)
+
+    def _begin(self, boundaries: Boundaries) -> None:
+        try:
+            trial = self._descent.tried(boundaries)
+        except TrialFailed as failed:  # there is nothing to go back to
+            raise failed.__cause__ or failed from None
+        descent, trial, errors = self._accurate(self._descent, trial)
+        self._first_psi = trial.evaluation.psi
+        logarithm = SignedLog.around(self._first_psi)
+        self._descent = replace(descent, logarithm=logarithm)
+        self.trial = self.best = replace(trial, logarithm=logarithm)
+        self.mode_errors = self._errors = errors
+
+    @property
+    def iterate(self) -> BoundaryIterate:
+        """Where the steps are before the first one."""
+        return BoundaryIterate(self.trial, self.trial.told(0.0, 0, 0, 0))
+
+    def __next__(self) -> BoundaryIterate:
+        """The trial after one step; collective."""
+        number = self.number + 1
+        slopes = self._descent.slopes(self.trial, self._margin)
+        inserted = removed = 0
+        # where no step is better, there may be one with another topology
+        for stuck in (False, True):
+            if (stuck or number % EVERY == 1) and number < max(self.planned - 1, 2):
+                slopes, inserted, removed = self._change_topology(slopes, stuck)
+            after, step, rejected = self._accepted(slopes)
+            if after is not None:
+                break
+            self._reach = _FIRST
+        if after is None or step is None:
+            raise StopIteration
+        self._adapt(after, step)
+        self.trial.release()
+        self._secants = self._descent.secants(self._secants, self.trial, slopes, after)
+        self.trial = after
+        if number % EVERY == 0 or number == self.last:
+            self._check_modes()
+        if self.trial.rank(self._weight) <= self.best.rank(self._weight):
+            self.best, self.mode_errors = self.trial, self._errors
+        self.number = number
+        longest = max(float(np.max(np.abs(offsets))) for offsets in step.offsets.values())
+        row = self.trial.told(longest, rejected, removed, inserted)
+        return BoundaryIterate(self.trial, row)
+
+    def _change_topology(self, slopes: Slopes, stuck: bool) -> tuple[Slopes, int, int]:
+        """Insert, delete and translate struts; the slopes there, and how many came and went."""
+        before, step = self.trial, self._descent.step(self.trial, slopes, self._reach)
+        trial, inserted, removed = changed(
+            self._descent, before, slopes.evaluation, step.of_bounds, self._weight, stuck
+        )
+        if trial is not before:
+            before.release()
+            slopes = self._descent.slopes(trial, self._margin)
+            self._reach, self._secants = max(self._reach, self._pace.again), NONE
+        before, slopes_before = trial, slopes
+        trial, slopes = shifted(self._descent, trial, slopes, step.of_bounds, self._weight)
+        if trial is not before:
+            before.release()
+            self._secants = self._descent.secants(self._secants, before, slopes_before, trial)
+        self.trial = trial
+        return slopes, inserted, removed
+
+    def _accepted(self, slopes: Slopes) -> tuple[Trial | None, Step | None, int]:
+        """The first trial that is accepted, its step, and how many were taken back."""
+        stressed, rejected = self._descent.turn < math.inf, 0
+        while self._reach >= self._pace.shortest:
+            step = self._descent.step(self.trial, slopes, self._reach, self._secants)
+            self._weight = max(self._weight, _EXACT * float(np.sum(step.of_bounds)))
+            after = self._descent.moved(self.trial, step)
+            merits = [trial.merit(self._weight) for trial in (self.trial, self.best)]
+            if after is not None and not self._pace.worse(after.merit(self._weight), *merits):
+                return after, step, rejected
+            # shorter steps change the largest stress less than another mesh does
+            if after is not None and stressed and self._reach <= _NOISE:
+                return after, step, rejected
+            self._reach, rejected = 0.5 * self._reach, rejected + 1
+        return None, None, rejected
+
+    def _adapt(self, after: Trial, step: Step) -> None:
+        """Choose the reach of the next step, and by how much bounds are tightened."""
+        # one that brings little of what it promises by its curvature was too long
+        promised = _PROMISED * max(0.0, step.promised) if self._secants.size else 0.0
+        better = after.merit(self._weight) < self.trial.merit(self._weight) - promised
+        self._reach = min(self._reach * (_LONGER if better else self._pace.shorter), LONGEST)
+        if self._descent.turn < math.inf:
+            self._reach = max(self._reach, _NOISE)
+            # the largest stress is always a little more than its slopes say
+            late = _TIGHTENED * after.excess if after.excess > HELD else -0.2 * self._margin
+            self._margin = min(self._margin + late, _TIGHTEST)
+
+    def _check_modes(self) -> None:
+        was_best = self.best is self.trial
+        descent, self.trial, self._errors = self._accurate(self._descent, self.trial)
+        if descent is not self._descent:  # what was computed with fewer modes does not count
+            self._descent, self.mode_errors, self._secants = descent, self._errors, NONE
+            if was_best:
+                self.best = self.trial
+            else:
+                self.best = descent.tried(self.best.boundaries)
+                self.best.release()
+        self._reach = max(self._reach, self._pace.again)
+
+    def _accurate(self, descent: Descent, trial: Trial) -> tuple[Descent, Trial, dict[str, float]]:
+        return descent.accurate(trial, self._mode_tolerance, self._first_modes)
+
+    def refined(self) -> tuple[Trial, float]:
+        """The best trial on finer meshes, and how much psi changed from one to the next."""
+        return self._descent.finer(self.best)
+
+    def tighten(self, fine: Trial) -> bool:
+        """Tighten the bounds that only ``fine`` meshes of the best trial exceed; if there are any.
+
+        The next steps are short, as near to the best one little moves.
+        """
+        margins = self._descent.safety_margins(self.best, fine)
+        if not margins:
+            return False
+        self._descent = replace(self._descent, spare=margins)
+        self.trial = self.best = replace(self.best, spare=margins)
+        self._reach, self._secants = min(self._reach, 2.0 * _NOISE), NONE
+        return True
+
+    @property
+    def weight(self) -> float:
+        """Of the largest violation of bounds, by which trials are ranked."""
+        return self._weight
+
+    @property
+    def first(self) -> Any:
+        """Evaluates the boundaries at the start on finer meshes."""
+        descent, start = self._descent, self.start
+        return lambda: descent.resolved(start)
+
+    def remarks(self, trial: Trial) -> list[str]:
+        """What is to be said of a result, by body, besides bounds and sizes of its parts."""
+        kind = self._descent.kind
+        return [
+            f"{name!r}: {text}"
+            for name, boundary in trial.boundaries.items()
+            for text in kind.said(boundary)
+        ]
+
+    @property
+    def still(self) -> float:
+        """Largest change of psi by finer meshes that is not worth a warning."""
+        return self._descent.kind.still
+
+    # ------------------------------------------------------------------ in a checkpoint
+
+    @staticmethod
+    def identity(boundaries: Boundaries) -> dict[str, Array]:
+        """What a run and the one that goes on from it have in common."""
+        return _named("start", boundaries)
+
+    def state(self) -> dict[str, Any]:
+        """All that the next step depends on, as arrays by name."""
+        best = {} if self.best is self.trial else self.best.boundaries
+        modes = {name: body.modes for name, body in self._descent.problem.flexible.items()}
+        return {
+            "number": self.number,
+            "reach": self._reach,
+            "weight": self._weight,
+            "margin": self._margin,
+            "first_psi": self._first_psi,
+            "methods": chosen_methods(self._descent.problem),
+            "secants": self._secants,
+            **_named("now", self.trial.boundaries),
+            **_named("best", best),
+            **with_prefix("spare", self._descent.spare),
+            **with_prefix("modes", modes),
+            **with_prefix("error", self.mode_errors),
+        }
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        self.number = int(state["number"])
+        self._reach, self._weight = float(state["reach"]), float(state["weight"])
+        self._margin, self._secants = float(state["margin"]), np.asarray(state["secants"])
+        self._first_psi = float(state["first_psi"])
+        modes = {n: int(count) for n, count in numbers_by_name("modes", state).items()}
+        problem = self._descent.problem.with_modes(modes)
+        self._descent = replace(
+            self._descent,
+            problem=with_methods(problem, state["methods"].tolist()),
+            spare=numbers_by_name("spare", state),
+            logarithm=SignedLog.around(self._first_psi),
+        )
+        now, best = (_restored(what, state, self.start) for what in ("now", "best"))
+        assert now is not None
+        self.trial = self._descent.tried(now)
+        self.best = self._descent.tried(best) if best else self.trial
+        self.mode_errors = self._errors = numbers_by_name("error", state)
+
+
+def _named(what: str, boundaries: Boundaries) -> dict[str, Array]:
+    """The states of boundaries in one mapping."""
+    states = {name: boundary.state() for name, boundary in boundaries.items()}
+    return {f"{what} {n} {key}": array for n, own in states.items() for key, array in own.items()}
+
+
+def _restored(what: str, state: Mapping[str, Any], start: Boundaries) -> Boundaries | None:
+    """The boundaries of a state that began as the ``start`` did; None where there are none."""
+    boundaries = {}
+    for name, boundary in start.items():
+        prefix = f"{what} {name} "
+        arrays = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
+        if not arrays:
+            return None
+        boundaries[name] = boundary.restored(arrays)
+    return boundaries
