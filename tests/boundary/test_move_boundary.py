@@ -563,6 +563,10 @@ def test_steps_go_on_where_they_were_ended(
         save_checkpoint(domain.comm, path, {**data, key: value * data[key]})
         with pytest.raises(ffr.CheckpointError, match=f"is of another problem: {why}"):
             run(resume=True)
+    del data["format"]
+    save_checkpoint(domain.comm, path, data)
+    with pytest.raises(ffr.CheckpointError, match="was written by another version of dolfinx_ffr"):
+        run(resume=True)
 
 
 def test_a_curve_around_a_solid_rim_stays_off_it_and_in_the_body() -> None:

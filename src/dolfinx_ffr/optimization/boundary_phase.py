@@ -27,27 +27,18 @@ from ..part import TURN, PartViolation, PartWarning
 from ..problem import Problem
 from .checkpoint import Checkpoint
 from .curve_steps import CurveSteps
-from .descent import HELD, Descent, kind_of, of_stress
+from .descent import Descent, kind_of, of_stress
 from .history import History
 from .part_checks import part_violations
 from .result import BoundaryResult, ranks_of
 from .running import Run
-from .stepper import (
-    BoundaryIterate,
-    BoundarySteps,
-    BoundaryTrial,
-    follow,
-    with_prefix,
-    without_prefix,
-)
+from .stepper import FEASIBLE, BoundarySteps, BoundaryTrial, follow, with_prefix, without_prefix
 
 #: By how much stress is kept below its bounds in steps
 _SPARE = 0.01
 #: Steps that follow where a bound is kept by the mesh of the steps and not by finer ones, and how
 #: often
 _MENDING, _ROUNDS = 4, 3
-#: Share by which the result may miss a minimum size before that is warned of
-_MISSED = 0.01
 #: Relative difference of controls from which on two starts are others; round-off changes less
 _SAME = 1e-5
 #: The same of psi, which is that of a mesh made anew: another release of gmsh makes another one
@@ -195,7 +186,7 @@ class BoundaryPhase:
             state = self._earlier()
             steps = steps_from(show, state)
             if state is None:
-                self._add(steps.iterate)
+                self._add(steps.row, steps.trial)
             else:
                 self._check(state, steps)
                 run.advance(steps.number)
@@ -205,7 +196,7 @@ class BoundaryPhase:
             while True:
                 reason = follow(
                     steps,
-                    lambda iterate: self._record(iterate, steps),
+                    lambda: self._record(steps),
                     run.stopped,
                     lambda: steps.number < steps.last,
                 )
@@ -215,13 +206,13 @@ class BoundaryPhase:
                     break
                 steps.last += _MENDING
                 run.bar.total = steps.last
-            best, change = min(ends, key=lambda end: end[0].rank(steps.weight))
-            self._add(BoundaryIterate(best, best.told(0.0, 0, 0, 0)))
+            best, change = min(ends, key=lambda end: steps.rank(end[0]))
+            self._add(steps.row_of(best), best)
         for warned in best.warned:
             warnings.warn_explicit(warned.message, warned.category, warned.filename, warned.lineno)
         missing = _part_violations(best)
         _warn_of_missing(steps, best, missing, change)
-        violations = {name: value for name, value in best.violations.items() if value > HELD}
+        violations = {name: value for name, value in best.violations.items() if value > FEASIBLE}
         violations |= {name: violation.share for name, violation in missing.items()}
         return BoundaryResult(
             boundaries=dict(best.boundaries),
@@ -235,10 +226,10 @@ class BoundaryPhase:
             begun=steps.first,
         )
 
-    def _record(self, iterate: BoundaryIterate, steps: BoundarySteps) -> None:
+    def _record(self, steps: BoundarySteps) -> None:
         """Add a step to history, checkpoint and progress."""
-        self._add(iterate)
-        self._run.show(f"psi {iterate.trial.evaluation.psi:.5g}")
+        self._add(steps.row, steps.trial)
+        self._run.show(f"psi {steps.trial.evaluation.psi:.5g}")
         self._run.advance()
         films = {
             name: np.frombuffer(b"".join(map(shapely.to_wkb, film)), np.uint8)
@@ -256,16 +247,15 @@ class BoundaryPhase:
                 **with_prefix("film", films),
                 **with_prefix("lengths", lengths),
                 **self._history.state(),
-                "psi": iterate.trial.evaluation.psi,
+                "psi": steps.trial.evaluation.psi,
             },
         )
 
-    def _add(self, iterate: BoundaryIterate) -> None:
+    def _add(self, row: Mapping[str, float], trial: BoundaryTrial) -> None:
         """Add a row to the history, and a picture of each body."""
-        self._history.add(iterate.row)
-        for name, boundary in iterate.trial.boundaries.items():
-            if boundary.material is not None:
-                self._materials.setdefault(name, []).append(boundary.material)
+        self._history.add(row)
+        for name, material in trial.materials.items():
+            self._materials.setdefault(name, []).append(material)
 
     def _earlier(self) -> dict[str, Any] | None:
         """The state of the steps of an earlier run, if it is to be resumed."""
@@ -299,12 +289,8 @@ class BoundaryPhase:
 
 def _part_violations(trial: BoundaryTrial) -> dict[str, PartViolation]:
     """What the parts of a trial lack of the sizes and rims that were asked for, by name."""
-    boundaries = trial.boundaries
-    sizes = {
-        name: (boundary.member, 0.0 if isinstance(boundary, Surface) else boundary.gap)
-        for name, boundary in boundaries.items()
-    }
-    rims = {name: (boundary.rim, boundary.member) for name, boundary in boundaries.items()}
+    sizes = {name: (asked.member, asked.gap) for name, asked in trial.asked.items()}
+    rims = {name: (asked.rim, asked.member) for name, asked in trial.asked.items()}
     return part_violations(trial.problem, trial.parts, sizes, rims)
 
 
@@ -319,12 +305,7 @@ def _warn_of_missing(
     exceeded = [
         f"{name!r} is violated by {share:.2%} of its bound"
         for name, share in trial.violations.items()
-        if share > HELD
-    ]
-    exceeded += [
-        f"a radius of {name!r} is {share:.1%} below its minimum"
-        for name, share in trial.missed_radii.items()
-        if share > _MISSED
+        if share > FEASIBLE
     ]
     if exceeded:
         texts.append(f"{'; '.join(exceeded)}: take more iterations, another start or other bounds")

@@ -16,10 +16,10 @@ import numpy as np
 
 from ..arrays import Array
 from ..boundary import Boundary, Surface
-from .descent import HELD, LONGEST, NONE, Descent, Slopes, Step, Trial
+from .descent import LONGEST, NONE, Descent, Slopes, Step, Trial
 from .enough_modes import EVERY, chosen_methods, with_methods
 from .signed_log import SignedLog
-from .stepper import BoundaryIterate, numbers_by_name, with_prefix
+from .stepper import FEASIBLE, numbers_by_name, safety_margins, with_prefix
 from .topology import changed, shifted
 from .trial_failed import TrialFailed
 
@@ -33,12 +33,14 @@ _PROMISED = 0.25
 _NOISE = 0.06
 #: By which share of its violation a bound is tightened there, and at most
 _TIGHTENED, _TIGHTEST = 0.4, 0.08
+#: Share by which the result may miss a minimum radius before that is warned of
+_MISSED = 0.01
 #: Weight of the largest violation of bounds in the merit, which decides whether a step is taken; at
 #: least so many times the sum of their multipliers, beyond which a penalty is exact
 _OF_BOUNDS, _EXACT = 1.5, 1.5
 
 
-class CurveSteps(Iterator[BoundaryIterate]):
+class CurveSteps(Iterator[Trial]):
     """Steps of the boundaries of a problem; ends where no step is better.
 
     Args:
@@ -73,6 +75,8 @@ class CurveSteps(Iterator[BoundaryIterate]):
             self._begin(boundaries)
         else:
             self._restore(state)
+        #: Of the history, for the present trial
+        self.row = self.row_of(self.trial)
 
     def _begin(self, boundaries: Boundaries) -> None:
         try:
@@ -86,12 +90,7 @@ class CurveSteps(Iterator[BoundaryIterate]):
         self.trial = self.best = replace(trial, logarithm=logarithm)
         self.mode_errors = self._errors = errors
 
-    @property
-    def iterate(self) -> BoundaryIterate:
-        """Where the steps are before the first one."""
-        return BoundaryIterate(self.trial, self.trial.told(0.0, 0, 0, 0))
-
-    def __next__(self) -> BoundaryIterate:
+    def __next__(self) -> Trial:
         """The trial after one step; collective."""
         number = self.number + 1
         slopes = self._descent.slopes(self.trial, self._margin)
@@ -112,12 +111,12 @@ class CurveSteps(Iterator[BoundaryIterate]):
         self.trial = after
         if number % EVERY == 0 or number == self.last:
             self._check_modes()
-        if self.trial.rank(self._weight) <= self.best.rank(self._weight):
+        if self.rank(self.trial) <= self.rank(self.best):
             self.best, self.mode_errors = self.trial, self._errors
         self.number = number
         longest = max(float(np.max(np.abs(offsets))) for offsets in step.offsets.values())
-        row = self.trial.told(longest, rejected, removed, inserted)
-        return BoundaryIterate(self.trial, row)
+        self.row = self.trial.told(longest, rejected, removed, inserted)
+        return self.trial
 
     def _change_topology(self, slopes: Slopes, stuck: bool) -> tuple[Slopes, int, int]:
         """Insert, delete and translate struts; the slopes there, and how many came and went."""
@@ -162,7 +161,9 @@ class CurveSteps(Iterator[BoundaryIterate]):
         if self._descent.turn < math.inf:
             self._reach = max(self._reach, _NOISE)
             # the largest stress is always a little more than its slopes say
-            late = _TIGHTENED * after.excess if after.excess > HELD else -0.2 * self._margin
+            late = (
+                _TIGHTENED * after.violation if after.violation > FEASIBLE else -0.2 * self._margin
+            )
             self._margin = min(self._margin + late, _TIGHTEST)
 
     def _check_modes(self) -> None:
@@ -189,7 +190,7 @@ class CurveSteps(Iterator[BoundaryIterate]):
 
         The next steps are short, as near to the best one little moves.
         """
-        margins = self._descent.safety_margins(self.best, fine)
+        margins = safety_margins(self._descent.spare, self.best, fine)
         if not margins:
             return False
         self._descent = replace(self._descent, spare=margins)
@@ -197,10 +198,13 @@ class CurveSteps(Iterator[BoundaryIterate]):
         self._reach, self._secants = min(self._reach, 2.0 * _NOISE), NONE
         return True
 
-    @property
-    def weight(self) -> float:
-        """Of the largest violation of bounds, by which trials are ranked."""
-        return self._weight
+    def rank(self, trial: Trial) -> tuple[bool, float]:
+        """Which of several trials is the best: the one of the least rank."""
+        return trial.rank(self._weight)
+
+    def row_of(self, trial: Trial) -> dict[str, float]:
+        """The row of the history for a trial that no step has led to."""
+        return trial.told(0.0, 0, 0, 0)
 
     @property
     def first(self) -> Any:
@@ -211,11 +215,15 @@ class CurveSteps(Iterator[BoundaryIterate]):
     def remarks(self, trial: Trial) -> list[str]:
         """What is to be said of a result, by body, besides bounds and sizes of its parts."""
         kind = self._descent.kind
-        return [
-            f"{name!r}: {text}"
-            for name, boundary in trial.boundaries.items()
-            for text in kind.said(boundary)
+        texts = [
+            f"a radius of {name!r} is {share:.1%} below its minimum: take more iterations, another "
+            "start or other bounds"
+            for name, share in trial.missed_radii.items()
+            if share > _MISSED
         ]
+        for name, boundary in trial.boundaries.items():
+            texts += [f"{name!r}: {text}" for text in kind.said(boundary)]
+        return texts
 
     @property
     def still(self) -> float:

@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 from scipy.sparse import block_diag as sparse_block_diag
 from scipy.sparse import csc_matrix, csr_matrix, issparse
 from scipy.sparse import vstack as sparse_vstack
+from shapely.geometry.base import BaseGeometry
 
 from ..arrays import Array
 from ..boundary import (
@@ -35,6 +36,7 @@ from ..problem import Evaluation, Problem
 from .enough_modes import with_enough_modes, with_steps_for
 from .result import drawn_of, ranks_of
 from .signed_log import SignedLog, check_start
+from .stepper import FEASIBLE, AskedSizes
 from .trial_failed import TrialFailed, shaping, simulating
 
 #: By the dimension of the bodies
@@ -51,8 +53,6 @@ _LOWERED = 0.05
 #: Weight of the largest violation of sizes in the merit, which decides whether a step is taken:
 #: without it no step from a part with members that are too thin is better
 _OF_SIZES = 0.05
-#: Violation of bounds and of minimum sizes up to which a boundary may be the best one
-HELD = 2e-3
 #: Nothing is known by steps, as before the first one
 NONE = np.zeros((2, 0, 0))
 
@@ -77,6 +77,20 @@ class Trial:
         return {name: drawn_of(boundary) for name, boundary in self.boundaries.items()}
 
     @property
+    def materials(self) -> dict[str, BaseGeometry]:
+        """The same as polygons [m], by body in the plane."""
+        materials = {name: boundary.material for name, boundary in self.boundaries.items()}
+        return {name: shape for name, shape in materials.items() if shape is not None}
+
+    @property
+    def asked(self) -> dict[str, AskedSizes]:
+        """Sizes that were asked for, by body."""
+        return {
+            name: AskedSizes(b.member, b.gap if isinstance(b, Boundary) else 0.0, b.rim)
+            for name, b in self.boundaries.items()
+        }
+
+    @property
     def missed_radii(self) -> dict[str, float]:
         """Share by which the smallest radius of each body is below its minimum."""
         return {name: rows.missed for name, rows in self.radii.items()}
@@ -87,7 +101,7 @@ class Trial:
         return {name: value + self.spare.get(name, 0.0) for name, value in self.violations.items()}
 
     @property
-    def excess(self) -> float:
+    def violation(self) -> float:
         """Largest violation of what the steps keep, at least zero."""
         return max(0.0, *self.with_margins.values()) if self.violations else 0.0
 
@@ -99,11 +113,11 @@ class Trial:
 
     def without_sizes(self, of_bounds: float) -> float:
         """The merit without sizes, which steps mend where a strut has gone."""
-        return self.logarithm.value(self.evaluation.psi) + of_bounds * self.excess
+        return self.logarithm.value(self.evaluation.psi) + of_bounds * self.violation
 
     def rank(self, of_bounds: float) -> tuple[bool, float]:
         """Which trial is the best: one that satisfies bounds and sizes, and of those by merit."""
-        return max(self.excess, self.missed) > HELD, self.merit(of_bounds)
+        return max(self.violation, self.missed) > FEASIBLE, self.merit(of_bounds)
 
     @property
     def missed(self) -> float:
@@ -302,7 +316,7 @@ class Descent:
             with shaping():
                 moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
                 if self.turn == math.inf:  # a step along tangents misses sizes, and costs a value
-                    moved = {n: self.kind.mended(b, HELD, LONGEST) for n, b in moved.items()}
+                    moved = {n: self.kind.mended(b, FEASIBLE, LONGEST) for n, b in moved.items()}
             return self.tried(moved)
         except TrialFailed:
             return None
@@ -361,19 +375,6 @@ class Descent:
             if change <= self.kind.still:
                 break
         return trial, change
-
-    def safety_margins(self, best: Trial, fine: Trial) -> dict[str, float]:
-        """Safety margin of each constraint, enlarged by what finer meshes add to its violation.
-
-        Empty if the ``fine`` meshes of the ``best`` trial satisfy all constraints.
-        """
-        if fine.excess <= HELD:
-            return {}
-        margins = {}
-        for name, violation in best.violations.items():
-            mesh_error = fine.with_margins[name] - violation
-            margins[name] = max(self.spare.get(name, 0.0), mesh_error + HELD)
-        return margins
 
 
 @dataclass(frozen=True, eq=False)

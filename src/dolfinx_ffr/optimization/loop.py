@@ -366,8 +366,8 @@ class DesignLoop:
         if self._other_start:
             warn(
                 f"optimize: the run goes on from the checkpoint {self.checkpoint.path}, and the "
-                "start that is given is not the one that it began with: it counts for nothing. Leave "
-                "resume out, or write into another folder, to begin with it"
+                "start that is given is not the one that it began with: it counts for nothing. "
+                "Leave resume out, or write into another folder, to begin with it"
             )
         self._began = perf_counter() - self.rows[-1]["seconds"]
         self.run.advance(int(self.rows[-1]["iteration"]))

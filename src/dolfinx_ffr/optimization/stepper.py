@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
+
+from shapely.geometry.base import BaseGeometry
 
 from ..boundary import Boundary, Surface
 from ..boundary_field import BoundaryField
@@ -13,6 +15,19 @@ from ..part import Part, Solid
 from ..problem import Evaluation, Problem
 
 AnyBoundary = Boundary | Surface | BoundaryField
+
+
+#: Violation of bounds and of minimum sizes up to which a trial may be the best one: the accuracy of
+#: sizes and of a mesh
+FEASIBLE = 2e-3
+
+
+class AskedSizes(NamedTuple):
+    """Sizes that were asked for of one boundary [m]."""
+
+    member: float  #: Minimum member
+    gap: float  #: Minimum gap, 0 where there is none
+    rim: float  #: Width of the rim around holes of the body's drawing
 
 
 class BoundaryTrial(Protocol):
@@ -27,6 +42,14 @@ class BoundaryTrial(Protocol):
         """What they enclose, by body."""
 
     @property
+    def materials(self) -> dict[str, BaseGeometry]:
+        """The same as polygons [m], by body in the plane."""
+
+    @property
+    def asked(self) -> dict[str, AskedSizes]:
+        """Sizes that were asked for, by body."""
+
+    @property
     def problem(self) -> Problem:
         """On these meshes."""
 
@@ -39,30 +62,20 @@ class BoundaryTrial(Protocol):
         """Of constraints and volumes, negative where they are satisfied."""
 
     @property
-    def missed_radii(self) -> dict[str, float]:
-        """Share by which the smallest radius of each body is below its minimum."""
+    def with_margins(self) -> dict[str, float]:
+        """The same with the safety margins that steps keep."""
 
     @property
-    def warned(self) -> tuple[Any, ...]:
+    def violation(self) -> float:
+        """The largest violation with its margin, at least zero."""
+
+    @property
+    def warned(self) -> tuple[warnings.WarningMessage, ...]:
         """Warnings while it was computed."""
-
-    def told(self, step: float, rejected: int, removed: int, inserted: int) -> dict[str, float]:
-        """Its row of the history."""
-
-    def rank(self, weight: float) -> tuple[bool, float]:
-        """Which of several trials is the best, by the weight of the largest violation."""
-
-
-@dataclass(frozen=True, eq=False)
-class BoundaryIterate:
-    """A trial that was accepted, and its row of the history."""
-
-    trial: Any
-    row: dict[str, float]
 
 
 class BoundarySteps(Protocol):
-    """Steps of the boundaries of parts: an iterator that ends where no step is better.
+    """Steps of the boundaries of parts: an iterator of trials that ends where no step is better.
 
     It is made from the boundaries that are handed over, or from the state of an earlier run.
     """
@@ -70,17 +83,15 @@ class BoundarySteps(Protocol):
     reason: str  #: Why it ended
     number: int  #: Of the step that was taken last
     last: int  #: Number of the last step, which is followed by finer meshes
-    best: Any  #: The best trial
-    trial: Any  #: The present trial
-    mode_errors: dict[str, float]  #: Of psi of the best trial, by the modes that bodies leave out
+    row: dict[str, float]  #: Of the history, for the present trial
 
     @property
-    def iterate(self) -> BoundaryIterate:
-        """Where the steps are before the first one."""
+    def trial(self) -> BoundaryTrial:
+        """The present trial."""
 
     @property
-    def weight(self) -> float:
-        """Of the largest violation of bounds, by which trials are ranked."""
+    def mode_errors(self) -> dict[str, float]:
+        """Of psi of the best trial, by the modes that bodies leave out."""
 
     @property
     def first(self) -> Callable[[], Any]:
@@ -90,11 +101,17 @@ class BoundarySteps(Protocol):
     def still(self) -> float:
         """Largest change of psi by finer meshes that is not worth a warning."""
 
-    def __iter__(self) -> Iterator[BoundaryIterate]:
+    def __iter__(self) -> Iterator[Any]:
         """The steps themselves."""
 
-    def __next__(self) -> BoundaryIterate:
+    def __next__(self) -> Any:
         """The trial after one step; collective."""
+
+    def rank(self, trial: Any) -> tuple[bool, float]:
+        """Which of several trials is the best: the one of the least rank."""
+
+    def row_of(self, trial: Any) -> dict[str, float]:
+        """The row of the history for a trial that no step has led to."""
 
     def refined(self) -> tuple[Any, float]:
         """The best trial on finer meshes, and how much psi changed from one to the next."""
@@ -110,6 +127,22 @@ class BoundarySteps(Protocol):
 
     def state(self) -> dict[str, Any]:
         """All that the next step depends on, as arrays by name."""
+
+
+def safety_margins(
+    margins: Mapping[str, float], coarse: BoundaryTrial, fine: BoundaryTrial
+) -> dict[str, float]:
+    """Safety margin of each constraint, enlarged by what a finer mesh adds to its violation.
+
+    Empty if the finer mesh satisfies all constraints.
+    """
+    if fine.violation <= FEASIBLE:
+        return {}
+    enlarged = {}
+    for name, violation in coarse.violations.items():
+        mesh_error = fine.with_margins[name] - violation
+        enlarged[name] = max(margins.get(name, 0.0), mesh_error + FEASIBLE)
+    return enlarged
 
 
 def with_prefix(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -128,9 +161,18 @@ def numbers_by_name(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in without_prefix(prefix, values).items()}
 
 
+class Optimizes(Protocol):
+    """An iterator that says why it has ended."""
+
+    reason: str
+
+    def __next__(self) -> Any:
+        """What it comes to by one step; collective."""
+
+
 def follow(
-    optimizer: Iterator[Any],
-    record: Callable[[Any], None],
+    optimizer: Optimizes,
+    record: Callable[[], None],
     stopped: Callable[[], str],
     goes_on: Callable[[], bool],
 ) -> str:
@@ -142,8 +184,9 @@ def follow(
     while goes_on():
         if reason := stopped():
             return reason
-        iterate = next(optimizer, None)
-        if iterate is None:
-            return str(optimizer.reason)  # type: ignore[attr-defined]
-        record(iterate)
+        try:
+            next(optimizer)
+        except StopIteration:
+            return optimizer.reason
+        record()
     return "iterations"
