@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -13,6 +16,7 @@ import shapely
 from shared.problems import slider_crank
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr import Constraint, Mass, PartWarning, PeakStress, Problem, worst_stress
 from dolfinx_ffr.arrays import Array, Mask
 from dolfinx_ffr.boundary_field import (
     BoundaryField,
@@ -23,6 +27,9 @@ from dolfinx_ffr.boundary_field import (
     redistanced,
 )
 from dolfinx_ffr.design import Mirror
+from dolfinx_ffr.optimization import BoundaryResult
+from dolfinx_ffr.optimization.checkpoint import Checkpoint
+from dolfinx_ffr.optimization.field_phase import moved_fields
 from dolfinx_ffr.optimization.field_steps import FieldSteps
 from dolfinx_ffr.optimization.field_topology import with_better_topology
 from dolfinx_ffr.optimization.field_trial import FieldProblem
@@ -167,3 +174,45 @@ def test_a_step_of_a_rod_with_eyes_keeps_sizes_volume_and_rims() -> None:
     thinnest = part.thinnest_member
     assert thinnest is not None and thinnest.value > 0.99 * member
     assert outline_violations(part, member, member) == []
+
+
+@pytest.mark.slow
+def test_steps_of_fields_go_on_from_a_checkpoint_and_keep_a_stress_below_its_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Least mass; after two steps a run ends exactly as it did, on a mesh that resolves notches."""
+    given = slider_crank(MPI.COMM_SELF, (40, 4), steps=60)
+    space = FieldSpace.of(given.flexible["rod"].domain, MEMBER, MEMBER)
+    holes = shapely.MultiPoint([(x, 0.0) for x in (0.1, 0.2, 0.3)]).buffer(0.009)
+    field = redistanced(space.of_material(space.body.outline.difference(holes), holes.boundary))
+    parts = given.bodies, given.mechanism, given.integrator
+    start = FieldProblem(given, {}, {}, FieldOptions()).trial({"rod": field})
+    largest = worst_stress(start.problem.flexible["rod"], start.evaluation, "rod").largest
+    limit = Constraint(PeakStress("rod"), upper=1.1 * largest, name="stress")
+    problem = Problem(*parts, Mass("rod"), constraints=[limit])
+
+    def run(checkpoint: Checkpoint) -> BoundaryResult:
+        checkpoint._sections.setdefault("design", {"x": np.zeros(1)})
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PartWarning)
+            return moved_fields(problem, {"rod": field}, {}, {}, 3, None, False, checkpoint)
+
+    save, files = Checkpoint.save, []
+
+    def saved_too(self: Checkpoint, phase: str, state: Any) -> None:
+        save(self, phase, state)
+        files.append((tmp_path / "checkpoint").read_bytes())
+
+    monkeypatch.setattr(Checkpoint, "save", saved_too)
+    whole = run(Checkpoint(MPI.COMM_SELF, tmp_path / "checkpoint", False))
+    (tmp_path / "checkpoint").write_bytes(files[1])
+    again = Checkpoint(MPI.COMM_SELF, tmp_path / "checkpoint", True)
+    assert again.read()
+    rest = run(again)
+    for name, column in whole.history.items():
+        np.testing.assert_array_equal(rest.history[name], column, name)
+    assert len(whole.history["psi"]) >= 5 and whole.psi < whole.history["psi"][0]
+    assert whole.history["excess"][-1] < 0.05
+    # the mesh that tells the result is finer in notches
+    assert whole.history["cells"][-1] > 1.5 * whole.history["cells"][-2]
+    assert whole.part("rod").pieces == 1

@@ -297,6 +297,11 @@ class BoundaryField:
     space: FieldSpace
     variables: Array  #: (variables,) [m]
 
+    @property
+    def body(self) -> Domain:
+        """The body that is designed."""
+        return self.space.body
+
     def with_variables(self, variables: Array) -> BoundaryField:
         """The field of other ``variables``, as far as these are allowed."""
         return replace(self, variables=self.space.bounded(variables))

@@ -41,6 +41,8 @@ class FieldOptions:
     longer: float = 1.2  #: Factor of the reach after a better step
     shorter: float = 0.5  #: Factor of the reach after a step that is no better
     shortest: float = 2e-3  #: Reach that ends the steps
+    #: The same where the largest stress counts: shorter steps change it less than another mesh does
+    shortest_of_stress: float = 0.06
     noise: float = 1e-3  #: Change of log psi that another mesh alone may cause
     bound_weight: float = 1.5  #: Of the largest violation of a constraint, at least
     secants: int = 8  #: Steps that tell the curvature

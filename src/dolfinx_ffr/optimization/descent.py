@@ -234,7 +234,7 @@ class Descent:
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
-        problem, found = trial.problem.adapted(trial.evaluation, _parted)
+        problem, found = trial.problem.adapted(trial.evaluation, parted)
         evaluation = problem.differentiate(found, nodes=True, densities=False)
         motions = {n: self.kind.motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
@@ -386,7 +386,7 @@ class Step:
     promised: float  #: Fall of log psi by its slopes and the curvature that is known
 
 
-def _parted(problem: MechanicalProblem, response: Response) -> MechanicalProblem:
+def parted(problem: MechanicalProblem, response: Response) -> MechanicalProblem:
     """The problem with parts of its constraints, and with bounds on parts of a largest stress.
 
     Where that is the objective, the derivative of the mean over all lowers one place and raises

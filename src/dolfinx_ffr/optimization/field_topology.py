@@ -7,6 +7,7 @@ small voids are filled. The adjoint fields choose what is tried, and a value dec
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import shapely
@@ -49,6 +50,8 @@ def with_better_topology(
         weight: Of the largest violation of constraints and volumes in the merit.
     """
     options = problem.options
+    if problem.turn < math.inf:  # the largest stress depends on more than the integrals
+        return trial
     own = _struts(trial, evaluation, costs)
     kinds: list[tuple[Callable[[BoundaryField, Struts], shapely.Geometry | None], Operation, float]]
     kinds = [
@@ -82,6 +85,7 @@ def _better(
     rise: float,
 ) -> FieldTrial | None:
     """The trial after an operation on a body if its merit rises by less, None otherwise."""
+    problem.tell(f"psi {trial.evaluation.psi:.5g}")
     try:
         with shaping():
             changed = operation(trial.fields[name], shape)

@@ -3,23 +3,26 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.sparse import block_diag, csr_matrix, vstack
+from shapely.geometry.base import BaseGeometry
 
 from ..arrays import Array
 from ..boundary_field import BoundaryField, FieldOptions, FittedNodes, SizeRows
+from ..fem import Domain
+from ..part import TURN, Part, Solid
 from ..problem import Evaluation, Problem
+from .descent import parted
 from .enough_modes import with_enough_modes, with_steps_for
 from .signed_log import SignedLog, check_start
+from .stepper import FEASIBLE, AskedSizes
 from .trial_failed import shaping, simulating
-
-#: Violation up to which a trial may be the best one: the accuracy of sizes and of a mesh
-FEASIBLE = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,41 @@ class FieldTrial:
     evaluation: Evaluation
     logarithm: SignedLog  #: By which psi is compared
     violations: dict[str, float]  #: Of constraints and volumes, negative where they are satisfied
+    margins: Mapping[str, float] = field(default_factory=dict)  #: Of `FieldProblem`
+    #: Of psi, by the modes that bodies leave out, when last estimated
+    mode_errors: dict[str, float] = field(default_factory=dict)
+    warned: tuple[warnings.WarningMessage, ...] = ()  #: What was said while it was computed
+
+    @property
+    def boundaries(self) -> dict[str, BoundaryField]:
+        """The fields, by body."""
+        return self.fields
+
+    @property
+    def parts(self) -> dict[str, Part | Solid]:
+        """What they enclose, by body."""
+        return {name: boundary.part for name, boundary in self.fields.items()}
+
+    @property
+    def materials(self) -> dict[str, BaseGeometry]:
+        """The same as polygons [m], by body."""
+        return {name: boundary.part.polygon for name, boundary in self.fields.items()}
+
+    @property
+    def asked(self) -> dict[str, AskedSizes]:
+        """Sizes that were asked for, by body."""
+        spaces = {name: boundary.space for name, boundary in self.fields.items()}
+        return {n: AskedSizes(s.member, s.gap, s.rims.width) for n, s in spaces.items()}
+
+    @property
+    def narrowest(self) -> float:
+        """The narrowest member that has a row [m]; infinite if there is none."""
+        widths = [
+            boundary.space.options.spare * boundary.space.member * (1.0 - value)
+            for name, boundary in self.fields.items()
+            for value in self.rows[name].values[: self.rows[name].members]
+        ]
+        return float(min(widths, default=math.inf))
 
     @cached_property
     def rows(self) -> dict[str, SizeRows]:
@@ -44,8 +82,13 @@ class FieldTrial:
 
     @property
     def violation(self) -> float:
-        """Largest violation of a constraint or a volume, at least zero."""
-        return max(0.0, *self.violations.values()) if self.violations else 0.0
+        """Largest violation of a constraint or a volume with its margin, at least zero."""
+        return max(0.0, *self.with_margins.values()) if self.violations else 0.0
+
+    @property
+    def with_margins(self) -> dict[str, float]:
+        """Values of the constraints with their safety margins, by name."""
+        return {name: v + self.margins.get(name, 0.0) for name, v in self.violations.items()}
 
     def merit(self, bound_weight: float) -> float:
         """Logarithm of psi with the weighted largest violation of a constraint or a volume."""
@@ -82,6 +125,14 @@ class FieldProblem:
     others: Mapping[str, Array]  #: Variables of designs without a domain, and given densities
     options: FieldOptions
     logarithm: SignedLog | None = None  #: By which psi is compared; None before the first trial
+    #: Size of triangles in notches, in radii; finite where the largest stress counts
+    turn: float = math.inf
+    fine: bool = False  #: Whether meshes are those that tell a result
+    #: Safety margins of constraints, by name
+    margins: Mapping[str, float] = field(default_factory=dict)
+    #: That of all constraints of the problem in the next step
+    step_margin: float = 0.0
+    tell: Callable[[str], object] = str  #: Shows that something is tried without a step
 
     def point(self, problem: Problem) -> dict[str, Array]:
         """Where the problem is evaluated: full bodies."""
@@ -92,15 +143,30 @@ class FieldProblem:
         """The ``fields`` meshed and evaluated; collective. Raises TrialFailed."""
         bodies = dict(self.problem.bodies)
         # what a trial warns of need not be true of the result
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
             with shaping():
                 for name, field_ in fields.items():
-                    bodies[name] = self.problem.flexible[name].with_domain(field_.mesh())
+                    bodies[name] = self.problem.flexible[name].with_domain(self._mesh(field_))
                 problem = self.problem.with_bodies(bodies)
             with simulating():
                 evaluation = problem.value(self.point(problem))
-        return self.evaluated(fields, problem, evaluation)
+        return replace(self.evaluated(fields, problem, evaluation), warned=tuple(warned))
+
+    def _mesh(self, boundary: BoundaryField) -> Domain:
+        """Triangles that fit a boundary, small in notches where that is asked for."""
+        if self.turn == math.inf:
+            return boundary.mesh()
+        options, part = self.options, boundary.part
+        # the meshes of steps in which no stress counts are coarser by a third
+        coarser = 1.3
+        enough = math.sqrt(4.0 / math.sqrt(3.0) * part.area / (coarser**2 * options.triangles))
+        size = min(options.triangle * boundary.space.member, enough)
+        if self.fine and self.turn < TURN:
+            size *= 0.5
+        domain = part.domain(size, across=options.triangle_across / coarser, turn=self.turn)
+        domain.whole = boundary.space.body
+        return domain
 
     def evaluated(
         self, fields: Mapping[str, BoundaryField], problem: Problem, evaluation: Evaluation
@@ -115,12 +181,13 @@ class FieldProblem:
         for name, most in self.volume.items():
             area = problem.flexible[name].domain.area
             violations[f"volume of {name}"] = area / fields[name].space.body.area / most - 1.0
-        return FieldTrial(dict(fields), problem, evaluation, logarithm, violations)
+        return FieldTrial(dict(fields), problem, evaluation, logarithm, violations, self.margins)
 
     def gradients(self, trial: FieldTrial) -> FieldGradients:
         """All derivatives at a trial; collective."""
-        bodies, evaluation = trial.problem.flexible, trial.evaluation
-        evaluation = trial.problem.differentiate(evaluation, nodes=True, densities=False)
+        bodies = trial.problem.flexible
+        problem, evaluation = trial.problem.adapted(trial.evaluation, parted)
+        evaluation = problem.differentiate(evaluation, nodes=True, densities=False)
         nodes = {n: FittedNodes(f, bodies[n].domain) for n, f in trial.fields.items()}
 
         def by_variables(of_nodes: Mapping[str, Array] | None) -> Array:
@@ -139,11 +206,25 @@ class FieldProblem:
         values = [rows.values for rows in trial.rows.values()]
         return FieldGradients(
             trial.logarithm.slope(evaluation.psi) * by_variables(evaluation.nodes),
-            np.concatenate([*values, list(trial.violations.values())]),
+            np.concatenate([*values, self._bound_values(trial, evaluation)]),
             csr_matrix(vstack([sizes, *(csr_matrix(row) for row in bounds)])),
             len(bounds),
             evaluation,
         )
+
+    def _bound_values(self, trial: FieldTrial, evaluation: Evaluation) -> Array:
+        """The constraints with their margins, of which one may have several places, and volumes."""
+        values = []
+        for name, bound in evaluation.constraints.items():
+            # each place of a bound keeps the margin of that bound
+            margins = [
+                margin
+                for whole, margin in trial.margins.items()
+                if name == whole or name.startswith(f"{whole}, part")
+            ]
+            values.append(float(bound.violation) + max(margins, default=0.0) + self.step_margin)
+        volumes = [trial.with_margins[f"volume of {name}"] for name in self.volume]
+        return np.array([*values, *volumes])
 
     def _volume_slope(self, trial: FieldTrial, name: str, most: float) -> Array:
         """The derivative of the volume of a body, relative to its bound, (n,) [1/m]."""
@@ -160,9 +241,15 @@ class FieldProblem:
         """The problem with as many modes and time steps as the parts need; collective."""
         problem, evaluation = trial.problem, trial.evaluation
         x = self.point(problem)
+        errors: dict[str, float] = {}
         if tolerance is not None:
-            problem, evaluation, _ = with_enough_modes(problem, x, evaluation, tolerance, first)
+            problem, evaluation, errors = with_enough_modes(
+                problem, x, evaluation, tolerance, first
+            )
         problem, evaluation = with_steps_for(problem, x, evaluation)
         if problem is trial.problem:
+            trial.mode_errors.update(errors)
             return self, trial
-        return replace(self, problem=problem), self.evaluated(trial.fields, problem, evaluation)
+        grown = self.evaluated(trial.fields, problem, evaluation)
+        grown = replace(grown, mode_errors=errors, warned=trial.warned)
+        return replace(self, problem=problem), grown

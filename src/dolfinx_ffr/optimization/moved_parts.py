@@ -13,6 +13,7 @@ from typing import Any
 from shapely import GEOSException
 
 from ..boundary import Boundary, Surface
+from ..boundary_field import BoundaryField, FieldSpace, first_field
 from ..design import LEAST, SHARP, Design, LevelSet
 from ..dynamics import SimulationError
 from ..fem import CurveError
@@ -21,6 +22,7 @@ from ..parallel import on_every_rank
 from ..part import LoosePieceWarning, Part, PartWarning, Solid
 from .boundary_phase import moved
 from .checkpoint import Checkpoint
+from .field_phase import moved_fields
 from .part_checks import part_violations
 from .result import Result, deny, ranks_of, warn
 from .trial_failed import TrialFailed
@@ -42,10 +44,12 @@ def with_moved_boundaries(
     tolerance: float | None,
     progress: bool,
     checkpoint: Checkpoint,
+    fields: bool = False,
 ) -> Result:
     """The result of a run, and that of ``steps`` of the boundaries of its parts.
 
-    They are kept in a ``checkpoint``, from which a run that is resumed goes on.
+    They are kept in a ``checkpoint``, from which a run that is resumed goes on. In the plane the
+    boundaries are curves, or ``fields``.
 
     Errors of files go on. Any other one, of the program too, leaves the result as it is.
     """
@@ -56,11 +60,16 @@ def with_moved_boundaries(
     full = {n: 1.0 - body.domain.void_cells for n, body in bodies if n not in designs}
     free = {n: part for n, part in result.designs.items() if n not in designs}
     others = {n: part.point(result.variables[n]) for n, part in free.items()} | full
-    options = others, steps, None, tolerance, progress, checkpoint
+    options = tolerance, progress, checkpoint
     parts: dict[str, Part | Solid] = {}
     try:
         with on_every_rank(ranks_of(result.problem), "steps of the boundary"):
-            found = moved(result.problem, _drawn(result, designs, parts), bound, *options)
+            if fields:
+                boundaries = _fields(result, designs, parts)
+                found = moved_fields(result.problem, boundaries, bound, others, steps, *options)
+            else:
+                curves = _drawn(result, designs, parts)
+                found = moved(result.problem, curves, bound, others, steps, None, *options)
     except (CheckpointError, OSError):
         raise
     except Exception as error:  # the densities are a result, whatever has failed after them
@@ -93,6 +102,30 @@ def _drawn(
             boundaries[name] = Boundary.of(part, member, gap=gap, **options)
         else:
             boundaries[name] = Surface.of(part, member, **options)
+    return boundaries
+
+
+def _fields(
+    result: Result, designs: Mapping[str, Design], parts: dict[str, Part | Solid]
+) -> dict[str, BoundaryField]:
+    """The parts that designs in the plane enclose, as fields; the parts are added to ``parts``."""
+    boundaries = {}
+    for name, design in designs.items():
+        with warnings.catch_warnings():
+            # the steps begin without loose pieces, and psi that is told is without them
+            warnings.simplefilter("ignore", LoosePieceWarning)
+            part = parts[name] = _rough_part(result, name)
+        assert isinstance(part, Part)
+        member, gap = _sizes(design)
+        space = FieldSpace.of(
+            design.domain,
+            member,
+            gap,
+            rim=design.hole_rim,
+            mirrors=design.mirrors if isinstance(design, LevelSet) else (),
+            material=result.problem.flexible[name].material,
+        )
+        boundaries[name] = first_field(space, part.polygon)
     return boundaries
 
 
