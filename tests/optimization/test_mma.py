@@ -130,7 +130,8 @@ def test_constraints_out_of_reach_are_named(comm: MPI.Intracomm, shared_tmp_path
     domains = {"plate": problem.domain}
     loop = ffr.optimization.DesignLoop(problem, domains, gradient=ffr.ExactAdjoint(), iterations=1)
     loop.differentiate(evaluation, lambda name: None, 0)
-    loop.record(0, result.densities, evaluation, accepted=True, step=0.0, sharpness=1.0, merit=0.0)
+    start = ffr.optimization.Iterate(0, result.densities, evaluation, True, 0.0, 1.0, 0.0)
+    loop.record(start)
     bound = 0.5 * evaluation.volume["plate"]
     with pytest.warns(ffr.DesignWarning, match=r"violates 'volume of plate' by 100\.000% of the"):
         found = (result.designs, result.variables, evaluation)

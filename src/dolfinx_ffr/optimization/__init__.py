@@ -11,6 +11,7 @@ from .loop import ExactAdjoint as ExactAdjoint
 from .loop import GradientErrors as GradientErrors
 from .loop import GradientMethod as GradientMethod
 from .loop import GradientReport as GradientReport
+from .loop import Iterate as Iterate
 from .loop import Optimizer as Optimizer
 from .mma import MMA as MMA
 from .optimize import check_run, default_steps

@@ -196,7 +196,7 @@ class BoundaryPhase:
             while True:
                 reason = follow(
                     steps,
-                    lambda: self._record(steps),
+                    lambda _: self._record(steps),
                     run.stopped,
                     lambda: steps.number < steps.last,
                 )

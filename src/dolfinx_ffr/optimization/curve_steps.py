@@ -52,6 +52,7 @@ class CurveSteps(Iterator[Trial]):
     """
 
     reason = "no better step"
+    converged = False
 
     def __init__(
         self,

@@ -63,6 +63,7 @@ class FieldPhaseSteps(Iterator[FieldTrial]):
     """
 
     reason = "no better step"
+    converged = False
     #: One finer mesh tells the result, however much psi changes by it
     still = math.inf
 

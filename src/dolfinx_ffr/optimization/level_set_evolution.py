@@ -11,7 +11,7 @@ are those of the nominal one.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +22,7 @@ from ..arrays import Array
 from ..design import Evolution, LevelSet
 from ..dynamics import SimulationError
 from ..problem import Evaluation
-from .loop import Arrays, Bounds, DesignLoop, Designs, Optimizer
+from .loop import Arrays, Bounds, DesignLoop, Designs, Iterate, Optimizer
 from .result import Result, warn
 
 #: Factors of the step's size after one that was kept and one that was not
@@ -72,20 +72,17 @@ class LevelSetEvolution(Optimizer):
 
     def run(self, loop: DesignLoop, designs: Designs, start: Arrays, volume: Bounds) -> Result:
         """The level sets ``designs`` moved from ``start`` below ``volume`` in a ``loop``."""
-        steps = _Steps(self, loop, designs, volume)
+        steps = LevelSetSteps(self, loop, designs, volume)
         with loop.running():
             data = loop.earlier(steps.identity())
             loop.plan(len(steps.stages), self.stage_iterations)
-            state, evaluation = steps.begin(start) if data is None else steps.load(data)
-            while not (reason := steps.ended(state)):
-                if steps.stage_ended(state):
-                    if (narrowed := steps.next_stage(state, evaluation)) is None:
-                        reason = "stalled"
-                        break
-                    state, evaluation = narrowed
-                state, evaluation, accepted, multiplier = steps.iterate(state, evaluation)
-                steps.record(state, evaluation, accepted=accepted, multiplier=multiplier)
-            evaluation = steps.nominal(state, evaluation)
+            if data is None:
+                loop.record(steps.begin(start))
+            else:
+                steps.load(data)
+            reason = loop.follow(steps)
+            state = steps.state
+            evaluation = steps.nominal(state, steps.evaluation)
             designs, coefficients = steps.designs(state), steps.coefficients(state)
             return loop.result(designs, coefficients, evaluation, reason, steps.bounds)
 
@@ -107,8 +104,12 @@ class _State:
     since: int = 0  # iteration in which the stage began
 
 
-class _Steps:
-    """The iterations of one run."""
+class LevelSetSteps(Iterator[Iterate]):
+    """The iterations of one run; after `begin` or `load` it is at a ``state``."""
+
+    reason = "stalled"
+    state: _State
+    evaluation: Evaluation  #: Of the state, with its gradient
 
     def __init__(
         self, options: LevelSetEvolution, loop: DesignLoop, designs: Designs, volume: Bounds
@@ -180,8 +181,26 @@ class _Steps:
 
         return self.loop.differentiate(evaluation, distance, state.iteration)
 
-    def begin(self, start: Mapping[str, Array]) -> tuple[_State, Evaluation]:
-        """The first state with its evaluation."""
+    @property
+    def converged(self) -> bool:
+        """Whether psi stands still in the last stage."""
+        last = self.state.stage + 1 == len(self.options.sharpness)
+        return last and self._converged(self.state)
+
+    def __next__(self) -> Iterate:
+        """The design that is kept after one step; collective."""
+        if self.stage_ended(self.state):
+            narrowed = self.next_stage(self.state, self.evaluation)
+            if narrowed is None:
+                raise StopIteration
+            self.state, self.evaluation = narrowed
+        self.state, self.evaluation, accepted, multiplier = self.stepped(
+            self.state, self.evaluation
+        )
+        return self.iterate(accepted=accepted, multiplier=multiplier)
+
+    def begin(self, start: Mapping[str, Array]) -> Iterate:
+        """The first state."""
         phi = {n: evolution.start(start[n]) for n, evolution in self.stages[0].items()}
         state = _State(phi, size=self.options.step)
         flat = {n: e.bounded(np.zeros(len(phi[n]))) for n, e in self.stages[0].items()}
@@ -196,11 +215,10 @@ class _Steps:
                 "start design is shrunk"
             )
             state, evaluation = even, without
-        evaluation = self.differentiate(evaluation, state)
-        self.record(state, evaluation)
-        return state, evaluation
+        self.state, self.evaluation = state, self.differentiate(evaluation, state)
+        return self.iterate()
 
-    def iterate(
+    def stepped(
         self, state: _State, evaluation: Evaluation
     ) -> tuple[_State, Evaluation, bool, float]:
         """The next state, its evaluation, whether the step was kept, and the multiplier."""
@@ -241,14 +259,6 @@ class _Steps:
         found = self.value(narrowed, _apart(evaluation.psi))
         return None if found is None else (narrowed, self.differentiate(found, narrowed))
 
-    def ended(self, state: _State) -> str:
-        """Why the loop ends here, or nothing."""
-        if state.stage + 1 == len(self.options.sharpness) and self._converged(state):
-            return "converged"
-        if state.iteration >= self.loop.iterations:
-            return "iterations"
-        return "interrupted" if self.loop.interrupted() else ""
-
     def _converged(self, state: _State) -> bool:
         if state.size < SHORTEST:
             return True
@@ -260,21 +270,15 @@ class _Steps:
         # a halved step may well bring a descent that the longer one missed
         return before - now < self.options.tolerance * abs(before) and rows[-1]["accepted"] > 0
 
-    def record(
-        self,
-        state: _State,
-        evaluation: Evaluation,
-        *,
-        accepted: bool = True,
-        multiplier: float = 0.0,
-    ) -> None:
-        """Add a state to history and checkpoint."""
+    def iterate(self, *, accepted: bool = True, multiplier: float = 0.0) -> Iterate:
+        """The state for history and checkpoint."""
+        state, evaluation = self.state, self.evaluation
         fields = {k: v for k, v in vars(state).items() if k != "phi"}
         fields |= {f"phi of {name}": phi for name, phi in state.phi.items()}
-        self.loop.record(
-            state.iteration,
-            self.densities(state),
-            evaluation,
+        return Iterate(
+            iteration=state.iteration,
+            x=self.densities(state),
+            evaluation=evaluation,
             accepted=accepted,
             step=state.size,
             sharpness=max(e.levelset.sharpness for e in self.stages[state.stage].values()),
@@ -293,11 +297,11 @@ class _Steps:
             common |= {f"{key} of {name}": value for key, value in parts.items()}
         return common
 
-    def load(self, data: Mapping[str, Any]) -> tuple[_State, Evaluation]:
-        """The state of an earlier run, evaluated anew."""
+    def load(self, data: Mapping[str, Any]) -> None:
+        """Go on from the state of an earlier run, evaluated anew."""
         names = [name for name in _State.__dataclass_fields__ if name != "phi"]
         fields: dict[str, Any] = {name: data[name].item() for name in names}
         state = _State({name: data[f"phi of {name}"] for name in self.stages[0]}, **fields)
         evaluation = self.loop.value(self.densities(state))
         self.loop.resumed(evaluation)
-        return state, self.differentiate(evaluation, state)
+        self.state, self.evaluation = state, self.differentiate(evaluation, state)

@@ -36,6 +36,7 @@ from .history import History, Row
 from .result import Result, gray_fraction, of_problem, ranks_of, warn
 from .running import Run
 from .signed_log import SignedLog, check_start
+from .stepper import Optimizes, follow
 
 Callback = Callable[[int, Any, Evaluation], None]
 #: By name: designs, arrays of their variables or densities, bounds of volumes
@@ -164,6 +165,33 @@ class ExactAdjoint:
             count = body.domain.comm.allreduce(int(np.count_nonzero(design)))
             reports[name] = GradientReport(count, 1.0, design)
         return problem.differentiate(evaluation), reports
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """What an optimiser has come to by one step.
+
+    Attributes:
+        iteration: Number of the step; 0 is the start.
+        x: The design that is kept, by name as for `Problem.value`.
+        evaluation: Of that design.
+        accepted: Whether it is the one that was tried.
+        step: Size of the step.
+        sharpness: Of the projection.
+        merit: What is minimised.
+        multiplier: Of the volume bound.
+        state: From which a later run goes on; without one there is no checkpoint.
+    """
+
+    iteration: int
+    x: Mapping[str, Array]
+    evaluation: Evaluation
+    accepted: bool
+    step: float
+    sharpness: float
+    merit: float
+    multiplier: float = NAN
+    state: Mapping[str, Any] | None = None
 
 
 class DesignLoop:
@@ -378,27 +406,21 @@ class DesignLoop:
         """Normal modes of each body."""
         return [body.modes for body in self.problem.flexible.values()]
 
-    def record(
-        self,
-        iteration: int,
-        x: Mapping[str, Array],
-        evaluation: Evaluation,
-        *,
-        accepted: bool,
-        step: float,
-        sharpness: float,
-        merit: float,
-        multiplier: float = NAN,
-        state: Mapping[str, Any] | None = None,
-    ) -> None:
-        """Add an iteration to history, checkpoint and progress, and call back.
+    def follow(self, optimizer: Optimizes) -> str:
+        """Record each iterate of an ``optimizer`` until it ends; the reason why it has ended."""
+        return follow(
+            optimizer,
+            self.record,
+            lambda: "interrupted" if self.interrupted() else "",
+            lambda: self.rows[-1]["iteration"] < self.iterations,
+        )
 
-        At ``iteration`` 0, the start, the clock begins to run. ``x``, ``evaluation`` and ``merit``
-        are those of the design that is kept, which is ``accepted`` if it is the one that was tried.
-        Size of the ``step``, ``sharpness`` of the projection and ``multiplier`` of the volume bound
-        are for the history. Without a ``state``, from which a later run goes on, there is no
-        checkpoint.
+    def record(self, iterate: Iterate) -> None:
+        """Add an iterate to history, checkpoint and progress, and call back.
+
+        At the start the clock begins to run.
         """
+        iteration, x, evaluation = iterate.iteration, iterate.x, iterate.evaluation
         if iteration == 0:
             self._began = perf_counter()
             if (path := self.checkpoint.path) is not None:  # steps of an earlier design
@@ -406,15 +428,15 @@ class DesignLoop:
         if not self.history.columns:
             self.history.columns = self._all_columns(evaluation)
         seconds = self.comm.bcast(perf_counter() - self._began if iteration else 0.0, root=0)
-        row = {**self._row(x, evaluation), "iteration": iteration, "accepted": int(accepted)}
-        row |= {"step": step, "sharpness": sharpness, "merit": merit}
-        row |= {"multiplier": multiplier, "seconds": seconds}
+        row = self._row(x, evaluation) | {"accepted": int(iterate.accepted), "seconds": seconds}
+        columns = ("iteration", "step", "sharpness", "merit", "multiplier")
+        row |= {name: getattr(iterate, name) for name in columns}
         self.history.add(row)
-        if state is not None:
+        if iterate.state is not None:
             common = {"stage_iterations": self.stage_iterations, "start": self._start}
             common |= {"modes": self._modes, "mode_error": self._mode_error}
             common |= {"steps": chosen_methods(self.problem), **self.history.state()}
-            self.checkpoint.save("design", {**state, **self._identity, **common})
+            self.checkpoint.save("design", {**iterate.state, **self._identity, **common})
         if iteration == 0:
             return
         self.run.advance()

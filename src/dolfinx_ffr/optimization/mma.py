@@ -37,7 +37,7 @@ mean cannot say which place needs more material.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -50,7 +50,7 @@ from ..dynamics import SimulationError
 from ..mechanical_problem import ConstraintValue, MechanicalProblem
 from ..objective import Constraint, Response, value_of, whole
 from ..problem import Evaluation, Problem
-from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Optimizer
+from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Iterate, Optimizer
 from .moving_asymptotes import Asymptotes, Secants
 from .result import Result
 from .sizing import Sizing
@@ -117,18 +117,22 @@ class MMA(Optimizer):
 
     def run(self, loop: DesignLoop, designs: Designs, start: Arrays, volume: Bounds) -> Result:
         """The best crisp ``designs`` from ``start`` below ``volume`` in a ``loop``."""
-        run = _Run(self, loop, designs, volume)
+        steps = MMASteps(self, loop, designs, volume)
         with loop.running():
-            data = loop.earlier(run.identity())
+            data = loop.earlier(steps.identity())
             loop.plan(1, self.length)
-            point, now = run.begin(start) if data is None else run.load(data)
-            while not (reason := run.ended(point)):
-                point, now = run.iterate(point, now)
+            if data is None:
+                loop.record(steps.begin(start))
+            else:
+                steps.load(data)
+            reason = loop.follow(steps)
             # the best feasible crisp design, or else the last one
+            point = steps.point
             chosen = point.asymptotes.x if point.best is None else point.best
-            made = run.designs(point.progress, nominal=True)
-            told = run.evaluation(point, now.evaluation, chosen)
-            return loop.result(made, run.split(chosen), told, reason, volume, point.residual)
+            evaluation = steps.evaluation(point, steps.now.evaluation, chosen)
+            designs = steps.designs(point.progress, nominal=True)
+            variables = steps.split(chosen)
+            return loop.result(designs, variables, evaluation, reason, volume, point.residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +174,15 @@ class _Now:
     functions: _Functions
 
 
-class _Run:
-    """The iterations of one run; x are densities by body, or variables of a design without any."""
+class MMASteps(Iterator[Iterate]):
+    """The iterations of one run; x are densities by body, or variables of a design without any.
+
+    After `begin` or `load` it is at a ``point``, ``now`` has the functions there.
+    """
+
+    reason = "stalled"
+    point: _Point
+    now: _Now
 
     def __init__(self, options: MMA, loop: DesignLoop, designs: Designs, volume: Bounds) -> None:
         self.options, self.loop = options, loop
@@ -198,8 +209,22 @@ class _Run:
         parts, designs = self.split(variables), self.designs(progress, nominal=nominal)
         return {name: design.point(parts[name]) for name, design in designs.items()}
 
-    def begin(self, start: Mapping[str, Array]) -> tuple[_Point, _Now]:
-        """The first point, lowered until the volume bounds hold, with its evaluation."""
+    @property
+    def converged(self) -> bool:
+        """Whether the design that is kept fulfils the first-order conditions."""
+        return self.point.converged
+
+    def __next__(self) -> Iterate:
+        """The design that is kept after one step; collective."""
+        if self.point.rejected >= STUCK or self.stands_still(self.point):
+            raise StopIteration
+        self.point, self.now, iterate = self.stepped(self.point, self.now)
+        if iterate is None:  # converged
+            raise StopIteration
+        return iterate
+
+    def begin(self, start: Mapping[str, Array]) -> Iterate:
+        """The first point, lowered until the volume bounds hold."""
         first = {name: design.begin(start[name]) for name, design in self._designs.items()}
         for name, design in self.designs(0.0).items():
             if isinstance(design, Design):
@@ -211,12 +236,15 @@ class _Run:
         state = Asymptotes(self.lower, self.upper, variables, self.options.move)
         merit = self.merit(variables, found, 0.0)
         point = self.with_best(_Point(state, np.zeros(len(bounds)), bounds, merit=merit))
-        now = self.differentiate(found, point)
-        self.record(point, now.evaluation, x, accepted=True, step=0.0, multiplier=0.0)
-        return point, now
+        self.point, self.now = point, self.differentiate(found, point)
+        kept = self.now.evaluation
+        return self.iterate(point, kept, x, accepted=True, step=0.0, multiplier=0.0)
 
-    def iterate(self, point: _Point, now: _Now) -> tuple[_Point, _Now]:
-        """The point after one step, and the evaluation of the design that is kept."""
+    def stepped(self, point: _Point, now: _Now) -> tuple[_Point, _Now, Iterate | None]:
+        """The point after one step, the evaluation of the design that is kept, and its iterate.
+
+        There is no iterate where the point has converged.
+        """
         iteration, progress = point.iteration + 1, point.progress
         if not point.held:  # else sharpening may have broken a constraint
             progress = min(iteration / self.loop.stage_iterations, 1.0)
@@ -241,7 +269,7 @@ class _Run:
         point = replace(point, residual=residual)
         small = residual < self.options.tolerance and _largest(point.bounds) <= FEASIBLE
         if small and not sharpens and self.may_be_result(point.progress):
-            return replace(point, converged=True), now
+            return replace(point, converged=True), now, None
 
         # the largest change of a variable as a share of its range
         size = float(np.max(np.abs(tried.x - state.x) / (self.upper - self.lower)))
@@ -261,8 +289,7 @@ class _Run:
             kept = replace(point, iteration=iteration, rejected=point.rejected + 1, held=broken)
             kept = replace(kept, asymptotes=tried.retreat(state))
             x = self.x(state.x, point.progress)
-            self.record(kept, now.evaluation, x, accepted=False, **said)
-            return kept, now
+            return kept, now, self.iterate(kept, now.evaluation, x, accepted=False, **said)
         found = self.loop.calibrated(self.loop.accurate(found, x, iteration))
         bounds = self.bounds(tried.x, self.made(tried.x, found, progress), progress)
         merit = self.merit(tried.x, found, progress)
@@ -277,8 +304,7 @@ class _Run:
         after = _Now(found, functions)
         if iteration < self.loop.iterations:
             after = self.differentiate(found, moved)
-        self.record(moved, after.evaluation, x, accepted=True, **said)
-        return moved, after
+        return moved, after, self.iterate(moved, after.evaluation, x, accepted=True, **said)
 
     def changes(self, before: float, after: float) -> bool:
         """Whether variables make other densities at a later progress than before."""
@@ -478,18 +504,6 @@ class _Run:
             found = _with_largest(evaluation, found)
         return _Now(found, functions)
 
-    def ended(self, point: _Point) -> str:
-        """Why the run ends here, or nothing."""
-        if point.iteration >= self.loop.iterations:
-            return "iterations"
-        if self.loop.interrupted():
-            return "interrupted"
-        if point.converged:
-            return "converged"
-        if point.rejected >= STUCK or self.stands_still(point):
-            return "stalled"
-        return ""
-
     def stands_still(self, point: _Point) -> bool:
         """Whether the merit hardly changes any more, of designs that become no sharper."""
         if point.best is None or self.changes(point.progress, 1.0):
@@ -507,7 +521,7 @@ class _Run:
             return now
         return self.loop.calibrated(self.loop.value(self.x(chosen, point.progress, nominal=True)))
 
-    def record(
+    def iterate(
         self,
         point: _Point,
         evaluation: Evaluation,
@@ -516,8 +530,8 @@ class _Run:
         accepted: bool,
         step: float,
         multiplier: float,
-    ) -> None:
-        """Add a point to history and checkpoint."""
+    ) -> Iterate:
+        """A point for history and checkpoint."""
         state = point.asymptotes
         kept = {name: getattr(state, name) for name in STATE} | {"best": point.best}
         kept = {name: np.zeros(0) if value is None else value for name, value in kept.items()}
@@ -525,10 +539,10 @@ class _Run:
         if state.secants is not None:
             kept |= {f"secant {name}": getattr(state.secants, name) for name in SECANTS}
         designs = self.designs(point.progress).values()
-        self.loop.record(
-            point.iteration,
-            x,
-            evaluation,
+        return Iterate(
+            iteration=point.iteration,
+            x=x,
+            evaluation=evaluation,
             accepted=accepted,
             step=step,
             merit=point.merit,
@@ -537,8 +551,8 @@ class _Run:
             state={**kept, "x": state.x, "move": state.move} if point.iteration else None,
         )
 
-    def load(self, data: Mapping[str, Any]) -> tuple[_Point, _Now]:
-        """The point of an earlier run, evaluated anew."""
+    def load(self, data: Mapping[str, Any]) -> None:
+        """Go on from the point of an earlier run, evaluated anew."""
         arrays = {n: np.asarray(data[n]) if len(data[n]) else None for n in (*STATE, "best")}
         best, x, progress = arrays.pop("best"), np.asarray(data["x"]), float(data["progress"])
         if f"secant {SECANTS[0]}" in data:
@@ -550,7 +564,7 @@ class _Run:
         bounds = self.bounds(x, self.made(x, found, progress), progress)
         point = _Point(state, np.asarray(data["margins"]), bounds, best=best, **numbers)
         self.loop.resumed(found)
-        return point, self.differentiate(found, point)
+        self.point, self.now = point, self.differentiate(found, point)
 
     def identity(self) -> dict[str, Any]:
         """The entries that a checkpoint and the run that reads it have in common."""

@@ -80,7 +80,8 @@ class BoundarySteps(Protocol):
     It is made from the boundaries that are handed over, or from the state of an earlier run.
     """
 
-    reason: str  #: Why it ended
+    reason: str  #: Why no step follows, where none does
+    converged: bool  #: Always false, as boundaries end where no step is better
     number: int  #: Of the step that was taken last
     last: int  #: Number of the last step, which is followed by finer meshes
     row: dict[str, float]  #: Of the history, for the present trial
@@ -162,9 +163,13 @@ def numbers_by_name(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
 
 
 class Optimizes(Protocol):
-    """An iterator that says why it has ended."""
+    """An optimiser: an iterator of what it comes to."""
 
-    reason: str
+    reason: str  #: Why no step follows, where none does
+
+    @property
+    def converged(self) -> bool:
+        """Whether what it has come to is what it looks for."""
 
     def __next__(self) -> Any:
         """What it comes to by one step; collective."""
@@ -172,21 +177,23 @@ class Optimizes(Protocol):
 
 def follow(
     optimizer: Optimizes,
-    record: Callable[[], None],
+    record: Callable[[Any], None],
     stopped: Callable[[], str],
     goes_on: Callable[[], bool],
 ) -> str:
-    """Record what an optimiser comes to until it ends; the reason why it has ended.
+    """Record each iterate of an optimiser until it ends; the reason why it has ended.
 
-    It ends where the optimiser does, whose ``reason`` that is, where it has taken all steps, as
-    ``goes_on`` tells, or where the user has ``stopped`` it.
+    It ends where it has converged, where it has taken all steps, as ``goes_on`` tells, where the
+    user has ``stopped`` it, or where no step follows.
     """
-    while goes_on():
+    while not optimizer.converged:
+        if not goes_on():
+            return "iterations"
         if reason := stopped():
             return reason
         try:
-            next(optimizer)
+            iterate = next(optimizer)
         except StopIteration:
-            return optimizer.reason
-        record()
-    return "iterations"
+            break
+        record(iterate)
+    return "converged" if optimizer.converged else optimizer.reason
