@@ -19,7 +19,7 @@ from ..boundary import Boundary, Surface
 from .descent import LONGEST, NONE, Descent, Slopes, Step, Trial
 from .enough_modes import EVERY, chosen_methods, with_methods
 from .signed_log import SignedLog
-from .stepper import FEASIBLE, numbers_by_name, safety_margins, with_prefix
+from .stepper import FEASIBLE, numbers_by_name, safety_margins, with_prefix, without_prefix
 from .topology import changed, shifted
 from .trial_failed import TrialFailed
 
@@ -236,7 +236,7 @@ class CurveSteps(Iterator[Trial]):
     @staticmethod
     def identity(boundaries: Boundaries) -> dict[str, Array]:
         """What a run and the one that goes on from it have in common."""
-        return _named("start", boundaries)
+        return _states(boundaries)
 
     def state(self) -> dict[str, Any]:
         """All that the next step depends on, as arrays by name."""
@@ -250,8 +250,8 @@ class CurveSteps(Iterator[Trial]):
             "first_psi": self._first_psi,
             "methods": chosen_methods(self._descent.problem),
             "secants": self._secants,
-            **_named("now", self.trial.boundaries),
-            **_named("best", best),
+            **with_prefix("now", _states(self.trial.boundaries)),
+            **with_prefix("best", _states(best)),
             **with_prefix("spare", self._descent.spare),
             **with_prefix("modes", modes),
             **with_prefix("error", self.mode_errors),
@@ -277,18 +277,19 @@ class CurveSteps(Iterator[Trial]):
         self.mode_errors = self._errors = numbers_by_name("error", state)
 
 
-def _named(what: str, boundaries: Boundaries) -> dict[str, Array]:
+def _states(boundaries: Boundaries) -> dict[str, Array]:
     """The states of boundaries in one mapping."""
-    states = {name: boundary.state() for name, boundary in boundaries.items()}
-    return {f"{what} {n} {key}": array for n, own in states.items() for key, array in own.items()}
+    states: dict[str, Array] = {}
+    for name, boundary in boundaries.items():
+        states |= with_prefix(name, boundary.state())
+    return states
 
 
 def _restored(what: str, state: Mapping[str, Any], start: Boundaries) -> Boundaries | None:
     """The boundaries of a state that began as the ``start`` did; None where there are none."""
     boundaries = {}
     for name, boundary in start.items():
-        prefix = f"{what} {name} "
-        arrays = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
+        arrays = without_prefix(f"{what} {name}", state)
         if not arrays:
             return None
         boundaries[name] = boundary.restored(arrays)

@@ -190,7 +190,7 @@ class FieldPhaseSteps(Iterator[FieldTrial]):
     @staticmethod
     def identity(fields: Mapping[str, BoundaryField]) -> dict[str, Array]:
         """What a run and the one that goes on from it have in common."""
-        return {f"start {name}": field.variables for name, field in fields.items()}
+        return {name: field.variables for name, field in fields.items()}
 
     def state(self) -> dict[str, Any]:
         """All that the next step depends on, as arrays by name."""
