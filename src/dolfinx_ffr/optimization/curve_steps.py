@@ -116,7 +116,7 @@ class CurveSteps(Iterator[Trial]):
             self.best, self.mode_errors = self.trial, self._errors
         self.number = number
         longest = max(float(np.max(np.abs(offsets))) for offsets in step.offsets.values())
-        self.row = self.trial.told(longest, rejected, removed, inserted)
+        self.row = self.trial.row(longest, rejected, removed, inserted)
         return self.trial
 
     def _change_topology(self, slopes: Slopes, stuck: bool) -> tuple[Slopes, int, int]:
@@ -205,7 +205,7 @@ class CurveSteps(Iterator[Trial]):
 
     def row_of(self, trial: Trial) -> dict[str, float]:
         """The row of the history for a trial that no step has led to."""
-        return trial.told(0.0, 0, 0, 0)
+        return trial.row(0.0, 0, 0, 0)
 
     @property
     def first(self) -> Any:

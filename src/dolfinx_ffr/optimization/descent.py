@@ -130,7 +130,7 @@ class Trial:
         for name in self.boundaries:
             self.problem.flexible[name].release()
 
-    def told(self, step: float, rejected: int, removed: int, inserted: int) -> dict[str, float]:
+    def row(self, step: float, rejected: int, removed: int, inserted: int) -> dict[str, float]:
         """One row of the history."""
         bodies = self.problem.flexible
         area = sum(self.evaluation.volume[n] * bodies[n].domain.area for n in self.boundaries)
@@ -212,30 +212,32 @@ class Descent:
         return self.evaluated(boundaries, problem, evaluation)
 
     def evaluated(
-        self, boundaries: dict[str, Boundary | Surface], problem: Problem, found: Evaluation
+        self, boundaries: dict[str, Boundary | Surface], problem: Problem, evaluation: Evaluation
     ) -> Trial:
         """A trial of which all but the constraints is known."""
         # stress limits are those of these parts
-        problem, found = problem.calibrated(found)
+        problem, evaluation = problem.calibrated(evaluation)
         logarithm = self.logarithm
         if logarithm is None:
-            check_start("boundary", found.psi)
-            logarithm = SignedLog.around(found.psi)
-        violations = {name: float(bound.violation) for name, bound in found.constraints.items()}
-        for name, most in self.volume.items():
+            check_start("boundary", evaluation.psi)
+            logarithm = SignedLog.around(evaluation.psi)
+        violations = {
+            name: float(bound.violation) for name, bound in evaluation.constraints.items()
+        }
+        for name, bound_share in self.volume.items():
             domain = problem.flexible[name].domain
-            share = found.volume[name] * domain.area / boundaries[name].body.area
-            violations[f"volume of {name}"] = share / most - 1.0
+            share = evaluation.volume[name] * domain.area / boundaries[name].body.area
+            violations[f"volume of {name}"] = share / bound_share - 1.0
         sizes = {name: self.kind.sizes(boundary) for name, boundary in boundaries.items()}
         radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
         geometric = sizes, radii, violations
-        return Trial(boundaries, problem, found, *geometric, self.spare, logarithm)
+        return Trial(boundaries, problem, evaluation, *geometric, self.spare, logarithm)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
-        problem, found = trial.problem.adapted(trial.evaluation, parted)
-        evaluation = problem.differentiate(found, nodes=True, densities=False)
+        problem, evaluated = trial.problem.adapted(trial.evaluation, parted)
+        evaluation = problem.differentiate(evaluated, nodes=True, densities=False)
         motions = {n: self.kind.motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
         def along(nodes: Mapping[str, Array] | None) -> Array:
@@ -249,66 +251,75 @@ class Descent:
                 parts.append(boundary.member * (boundary.shares.T @ bar))
             return np.concatenate(parts)
 
-        def rows(found: dict[str, Rows]) -> Array | csr_matrix:
-            own = [b.member * (found[n].slopes @ b.shares) for n, b in boundaries.items()]
-            return csr_matrix(sparse_block_diag(own)) if issparse(own[0]) else block_diag(*own)
+        def by_masters(rows: dict[str, Rows]) -> Array | csr_matrix:
+            blocks = [b.member * (rows[n].slopes @ b.shares) for n, b in boundaries.items()]
+            if issparse(blocks[0]):
+                return csr_matrix(sparse_block_diag(blocks))
+            return block_diag(*blocks)
 
         bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
         violations = []
         for name, bound in evaluation.constraints.items():
-            # of several parts of a bound each is kept as that
-            own = [v for n, v in trial.spare.items() if name == n or name.startswith(f"{n}, part")]
-            violations.append(float(bound.violation) + max(own, default=0.0) + margin)
+            # each place of a bound keeps the margin of that bound
+            margins = [
+                spare
+                for whole, spare in trial.spare.items()
+                if name == whole or name.startswith(f"{whole}, part")
+            ]
+            violations.append(float(bound.violation) + max(margins, default=0.0) + margin)
         violations += [trial.with_margins[f"volume of {name}"] for name in self.volume]
-        for name, most in self.volume.items():
+        for name, bound_share in self.volume.items():
             body = bodies[name]
             areas = body.measures_pullback(evaluation.bodies[name].density, None)
-            bounds.append(along({name: areas}) / (most * boundaries[name].body.area))
+            bounds.append(along({name: areas}) / (bound_share * boundaries[name].body.area))
         # no offset is longer than 1.5 times that of the step
         rooms = {n: self.kind.room(b, 1.5 * LONGEST * b.member) for n, b in boundaries.items()}
         geometric = (trial.sizes, trial.radii, rooms)
-        every = [part for found in geometric for part in found.values()]
-        values = [part.values for part in every]
+        values = [rows.values for by_body in geometric for rows in by_body.values()]
         return Slopes(
             trial.logarithm.slope(evaluation.psi) * along(evaluation.nodes),
             np.concatenate([*values, violations]),
-            _stacked([*map(rows, geometric), *(row[None] for row in bounds)]),
+            _stacked([*map(by_masters, geometric), *(row[None] for row in bounds)]),
             len(bounds),
             evaluation,
         )
 
-    def step(self, trial: Trial, found: Slopes, reach: float, known: Array = NONE) -> Step:
+    def step(self, trial: Trial, slopes: Slopes, reach: float, earlier: Array = NONE) -> Step:
         """The best step, the longest offset of which is ``reach`` minimum members.
 
-        The curvature is what is ``known`` by the last steps.
+        The curvature is what the ``earlier`` steps tell.
         """
         boundaries = trial.boundaries
         smooth = max(self.kind.pace.smooth, _SMOOTHER if self.turn < math.inf else 0.0)
         metrics = [b.shares.T @ b.metric(smooth * b.member) @ b.shares for b in boundaries.values()]
-        held = [b.shares.T @ b.held > 0 for b in boundaries.values()]
-        metric, held = csc_matrix(sparse_block_diag(metrics)), np.concatenate(held)
-        constraints, curved = (found.values, found.slopes), curvature(metric, known, found.psi)
+        is_held = [b.shares.T @ b.held > 0 for b in boundaries.values()]
+        metric, is_held = csc_matrix(sparse_block_diag(metrics)), np.concatenate(is_held)
+        constraints, curved = (slopes.values, slopes.slopes), curvature(metric, earlier, slopes.psi)
         # round-off may decide which constraints a step is bounded by
         step = on_rank_0(
             ranks_of(self.problem),
-            lambda: best_step(metric, found.psi, *constraints, held, reach, curved),
+            lambda: best_step(metric, slopes.psi, *constraints, is_held, reach, curved),
         )
-        offsets, first = {}, 0
+        offsets, start = {}, 0
         for name, boundary in boundaries.items():
             count, shares = boundary.shares.shape[1], boundary.shares
-            offsets[name] = boundary.member * (shares @ step.offsets[first : first + count])
-            first += count
-        multipliers = step.multipliers[len(step.multipliers) - found.bounds :]
+            offsets[name] = boundary.member * (shares @ step.offsets[start : start + count])
+            start += count
+        multipliers = step.multipliers[len(step.multipliers) - slopes.bounds :]
         return Step(offsets, multipliers, step.promised)
 
-    def secants(self, known: Array, trial: Trial, found: Slopes, after: Trial) -> Array:
-        """What is ``known`` by the last steps, with the one from a trial to that ``after`` it.
+    def secants(self, earlier: Array, before: Trial, slopes: Slopes, after: Trial) -> Array:
+        """What the last steps tell, with the one from the trial ``before`` to that ``after`` it.
 
         Nothing where the largest stress counts, which is another one's in each step.
         """
-        ways = [self.kind.way(b, after.boundaries[n]) for n, b in trial.boundaries.items()]
-        moves = np.concatenate(ways)
-        return secants(known, moves, found.psi) if moves.size and self.turn == math.inf else NONE
+        displacements = [
+            self.kind.way(b, after.boundaries[n]) for n, b in before.boundaries.items()
+        ]
+        motion = np.concatenate(displacements)
+        if not motion.size or self.turn < math.inf:
+            return NONE
+        return secants(earlier, motion, slopes.psi)
 
     def moved(self, trial: Trial, step: Step) -> Trial | None:
         """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
@@ -325,16 +336,18 @@ class Descent:
         self, trial: Trial, tolerance: float | None, first: Mapping[str, int]
     ) -> tuple[Descent, Trial, dict[str, float]]:
         """With as many normal modes, and as short time steps, as the parts need."""
-        problem, found = trial.problem, trial.evaluation
+        problem, evaluation = trial.problem, trial.evaluation
         x = self.point(problem, trial.boundaries)
         errors: dict[str, float] = {}
         if tolerance is not None:
-            problem, found, errors = with_enough_modes(problem, x, found, tolerance, first)
-        problem, found = with_steps_for(problem, x, found)
+            problem, evaluation, errors = with_enough_modes(
+                problem, x, evaluation, tolerance, first
+            )
+        problem, evaluation = with_steps_for(problem, x, evaluation)
         if problem is trial.problem:
             return self, trial, errors
-        found_there = self.evaluated(trial.boundaries, problem, found)
-        return replace(self, problem=problem), replace(found_there, warned=trial.warned), errors
+        accurate_trial = self.evaluated(trial.boundaries, problem, evaluation)
+        return replace(self, problem=problem), replace(accurate_trial, warned=trial.warned), errors
 
     def resolved(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         """Boundaries on meshes that resolve notches or walls."""
@@ -346,9 +359,9 @@ class Descent:
 
     def settled(self, trial: Trial) -> Trial:
         """With what is drawn of its boundaries mended, if that can be simulated."""
-        own = trial.boundaries
-        boundaries = {name: self.kind.settled(boundary) for name, boundary in own.items()}
-        if all(boundaries[name] is own[name] for name in own):
+        before = trial.boundaries
+        boundaries = {name: self.kind.settled(boundary) for name, boundary in before.items()}
+        if all(boundaries[name] is before[name] for name in before):
             return trial
         try:
             return self.tried(boundaries)
@@ -360,18 +373,18 @@ class Descent:
 
         They are made finer and finer until psi stands still.
         """
-        change, settled = math.inf, self.settled(trial)
-        if settled is not trial:
+        change, repaired = math.inf, self.settled(trial)
+        if repaired is not trial:
             trial.release()
-            trial = settled
+            trial = repaired
         for _ in range(self.kind.meshes):
             trial.release()
             try:
-                found = self.resolved(trial.boundaries)
+                refined = self.resolved(trial.boundaries)
             except (TrialFailed, MemoryError):
                 break
-            change = abs(trial.evaluation.psi / found.evaluation.psi - 1.0)
-            trial = found
+            change = abs(trial.evaluation.psi / refined.evaluation.psi - 1.0)
+            trial = refined
             if change <= self.kind.still:
                 break
         return trial, change
@@ -392,12 +405,12 @@ def parted(problem: MechanicalProblem, response: Response) -> MechanicalProblem:
     Where that is the objective, the derivative of the mean over all lowers one place and raises
     others: so each part is to become less than the largest by the share of a step.
     """
-    found = problem.parted(response)
+    split = problem.parted(response)
     if not isinstance(problem.objective, PeakStress):
-        return found
-    most = (1.0 - _LOWERED) * value_of(problem.objective, response)
-    bound = Constraint(problem.objective, upper=most, name="objective: largest stress")
-    return replace(found, constraints=[*found.constraints, *bound.parts(response)])
+        return split
+    largest = (1.0 - _LOWERED) * value_of(problem.objective, response)
+    bound = Constraint(problem.objective, upper=largest, name="objective: largest stress")
+    return replace(split, constraints=[*split.constraints, *bound.parts(response)])
 
 
 def _stacked(rows: list[Array | csr_matrix]) -> Array | csr_matrix:

@@ -40,8 +40,8 @@ def chosen_methods(problem: Problem) -> list[str]:
 
 def with_methods(problem: Problem, chosen: Iterable[str]) -> Problem:
     """The problem with the methods and steps that `chosen_methods` gave."""
-    given = zip(problem.load_cases, map(str, chosen), strict=False)
-    methods = {name: restored_method(text) for name, text in given if text}
+    cases = zip(problem.load_cases, map(str, chosen), strict=False)
+    methods = {name: restored_method(text) for name, text in cases if text}
     return problem.with_integrators(methods) if methods else problem
 
 
@@ -86,20 +86,20 @@ def with_enough_modes(
     if not evaluation.moves:
         return problem, evaluation, dict.fromkeys(problem.flexible, 0.0)
     grown = problem = problem.at_evaluation(evaluation)
-    found = evaluation
+    evaluated = evaluation
     try:
         while True:
-            errors = mode_error(grown, found)
+            errors = mode_error(grown, evaluated)
             missing = [name for name, error in errors.items() if error > tolerance]
             if not missing:
                 break
-            wanted = propose_modes(grown, found, tolerance=ROOM * tolerance)
-            more = {}
+            proposed = propose_modes(grown, evaluated, tolerance=ROOM * tolerance)
+            added = {}
             for name, body in ((name, grown.flexible[name]) for name in missing):
-                most = min(MOST * max(first[name], 4), body.reduction.most_modes)
-                if (count := min(max(wanted[name], body.modes + 2), most)) > body.modes:
-                    more[name] = count
-            if not more:
+                limit = min(MOST * max(first[name], 4), body.reduction.most_modes)
+                if (count := min(max(proposed[name], body.modes + 2), limit)) > body.modes:
+                    added[name] = count
+            if not added:
                 short = max(errors, key=lambda name: errors[name])
                 warn(
                     f"optimize: {grown.flexible[short].modes} normal modes of {short!r} leave out "
@@ -107,8 +107,8 @@ def with_enough_modes(
                     "look for loose or nearly void pieces, whose own vibrations take the modes"
                 )
                 break
-            grown = grown.with_modes(more)
-            found = grown.value(of_problem(x))
+            grown = grown.with_modes(added)
+            evaluated = grown.value(of_problem(x))
     except RuntimeError as error:  # what was designed so far must not be lost for an estimate
         what = "the motion with them" if isinstance(error, SimulationError) else "they"
         warn(
@@ -117,4 +117,4 @@ def with_enough_modes(
             "steps"
         )
         return problem, evaluation, dict.fromkeys(problem.flexible, math.nan)
-    return grown, found, errors
+    return grown, evaluated, errors

@@ -266,13 +266,13 @@ class DesignLoop:
 
     def value(self, x: Mapping[str, Array]) -> Evaluation:
         """Objective and constraints at ``x``; a SimulationError where it cannot move."""
-        found = self.problem.value(of_problem(x))
-        psi = validation.number("optimize: psi of the problem", found.psi)
+        evaluation = self.problem.value(of_problem(x))
+        psi = validation.number("optimize: psi of the problem", evaluation.psi)
         if self._logarithm is None:
             start = self.rows[0]["psi"] if self.rows else psi
             check_start("optimize", start)
             self._logarithm = SignedLog.around(start)
-        return found
+        return evaluation
 
     @property
     def logarithm(self) -> SignedLog:
@@ -321,15 +321,17 @@ class DesignLoop:
         The ``problem`` that was evaluated is that of the loop, unless another one is given.
         """
         problem = problem or self.problem
-        found, self._reports = self.gradient(problem, evaluation, distance, iteration)
-        given = {"psi": found.gradient}
-        given |= {f"constraint {n!r}": each.gradient for n, each in found.constraints.items()}
-        for name, gradient in given.items():
+        differentiated, self._reports = self.gradient(problem, evaluation, distance, iteration)
+        gradients = {"psi": differentiated.gradient}
+        gradients |= {
+            f"constraint {n!r}": each.gradient for n, each in differentiated.constraints.items()
+        }
+        for name, gradient in gradients.items():
             what = f"optimize: the gradient of {name}"
             parts = validation.by_name(what, gradient, "numbers")  # type: ignore[arg-type]
             for body, domain in self.domains.items():
                 validation.real_array(f"{what} by {body!r}", parts.get(body), (domain.n_cells,))
-        return found
+        return differentiated
 
     def earlier(self, identity: Mapping[str, Any]) -> dict[str, Any] | None:
         """The state of the run that is to be resumed; None if there is none.
@@ -470,8 +472,10 @@ class DesignLoop:
             name: gray_fraction(domain, x[name], self.webs[name])
             for name, domain in self.domains.items()
         }
-        held = evaluation.fixed_interface_frequencies
-        first = {name: float(held[name][0]) if len(held[name]) else NAN for name in area}
+        frequencies = evaluation.fixed_interface_frequencies
+        first = {
+            name: float(frequencies[name][0]) if len(frequencies[name]) else NAN for name in area
+        }
 
         def mean(share: Mapping[str, float]) -> float:
             return sum(share[n] * area[n] for n in area) / sum(area.values()) if area else NAN
@@ -491,9 +495,9 @@ class DesignLoop:
             "gradient_estimate": worst.estimate if worst else 0.0,
         }
         for where, key in (("gradient", "errors"), ("band", "band_errors")):
-            found = getattr(worst, key, None) or GradientErrors(NAN, NAN, NAN)
-            row |= {f"{where}_error": found.l2, f"{where}_cosine": found.cosine}
-            row[f"{where}_worst"] = found.worst
+            errors = getattr(worst, key, None) or GradientErrors(NAN, NAN, NAN)
+            row |= {f"{where}_error": errors.l2, f"{where}_cosine": errors.cosine}
+            row[f"{where}_worst"] = errors.worst
         for key, values in (("volume", evaluation.volume), ("frequency", first), ("gray", gray)):
             row |= {f"{key} of {name}": values[name] for name in area}
         row |= {f"psi of {name}": case.psi for name, case in evaluation.load_cases.items()}
@@ -520,33 +524,33 @@ class DesignLoop:
         x = {name: design.point(variables[name]) for name, design in designs.items()}
         dense = {name: design for name, design in designs.items() if isinstance(design, Design)}
         crisp = [n for n, design in dense.items() if design.fills and design.sharpness >= CRISP]
-        problem, told = self.problem, evaluation
+        problem, final = self.problem, evaluation
         cut = {name: problem.flexible[name].with_cut_elements() for name in crisp}
         if any(body is not problem.flexible[name] for name, body in cut.items()):
             problem = problem.with_bodies(cut)
-            told = problem.value(of_problem(x))
+            final = problem.value(of_problem(x))
         errors: dict[str, float] = {}
         if self._mode_tolerance is not None:
-            problem, told, errors = with_enough_modes(
-                problem, x, told, self._mode_tolerance, self._first_modes
+            problem, final, errors = with_enough_modes(
+                problem, x, final, self._mode_tolerance, self._first_modes
             )
-        problem, told = with_steps_for(problem, x, told)
+        problem, final = with_steps_for(problem, x, final)
         if self._calibrates:
-            problem, told = problem.calibrated(told)
-        for name, reduced in told.bodies.items():
+            problem, final = problem.calibrated(final)
+        for name, reduced in final.bodies.items():
             if name in problem.flexible:  # the others have no density
                 problem.flexible[name].warn_of_missing_modes(reduced)
         bounds = dict(volume or {})
-        over = {f"volume of {n}": told.volume[n] / bound - 1.0 for n, bound in bounds.items()}
-        over |= {name: found.violation for name, found in told.constraints.items()}
+        over = {f"volume of {n}": final.volume[n] / bound - 1.0 for n, bound in bounds.items()}
+        over |= {name: found.violation for name, found in final.constraints.items()}
         # what is not a number is no value below a bound
         violations = {name: value for name, value in over.items() if not value <= FEASIBLE}
         if violations:
             reason = "interrupted" if reason == "interrupted" else "infeasible"
         if violations and (reason == "interrupted" or not self._followed):
-            said = ", ".join(f"{name!r} by {value:.3%}" for name, value in violations.items())
+            exceeded = ", ".join(f"{name!r} by {value:.3%}" for name, value in violations.items())
             warn(
-                f"optimize: the design violates {said} of the bound, after "
+                f"optimize: the design violates {exceeded} of the bound, after "
                 f"{int(self.rows[-1]['iteration'])} iterations ({reason}): relax the bound, give "
                 "more volume or more iterations"
             )
@@ -569,7 +573,7 @@ class DesignLoop:
                 )
         history = self.history.arrays()
         end = (reason, dict(designs), problem, violations, errors, bounds)
-        return Result(densities, dict(variables), told, history, *end, residual=residual)
+        return Result(densities, dict(variables), final, history, *end, residual=residual)
 
 
 class Optimizer(Protocol):

@@ -66,10 +66,12 @@ def with_moved_boundaries(
         with on_every_rank(ranks_of(result.problem), "steps of the boundary"):
             if fields:
                 boundaries = _fields(result, designs, parts)
-                found = moved_fields(result.problem, boundaries, bound, others, steps, *options)
+                moved_result = moved_fields(
+                    result.problem, boundaries, bound, others, steps, *options
+                )
             else:
                 curves = _drawn(result, designs, parts)
-                found = moved(result.problem, curves, bound, others, steps, None, *options)
+                moved_result = moved(result.problem, curves, bound, others, steps, None, *options)
     except (CheckpointError, OSError):
         raise
     except Exception as error:  # the densities are a result, whatever has failed after them
@@ -78,9 +80,9 @@ def with_moved_boundaries(
         warn(f"optimize: the boundary stays as the mesh has drawn it{over}: {cause}")
         return with_checked_parts(result, parts, unmoved=True, progress=progress)
     # the part may keep bounds that the densities have missed
-    kept = result.reason == "infeasible" and not found.violations
-    reason = "iterations" if kept else result.reason
-    return replace(result, moved=found, violations=found.violations, reason=reason)
+    mended = result.reason == "infeasible" and not moved_result.violations
+    reason = "iterations" if mended else result.reason
+    return replace(result, moved=moved_result, violations=moved_result.violations, reason=reason)
 
 
 def _drawn(
@@ -175,13 +177,13 @@ def with_checked_parts(
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PartWarning)
-                part = (parts or {}).get(name) or _rough_part(result, name)
+                enclosed = (parts or {}).get(name) or _rough_part(result, name)
         except (ValueError, GEOSException) as error:
             deny(result, [name], error, 5)
             torn = True
             continue
         if finished:
-            _look_at(result, name, part)
+            _look_at(result, name, enclosed)
     if unmoved and result.problem.constraints and not torn:
         try:
             result.verify(most=2, progress=progress)
@@ -197,12 +199,12 @@ def _look_at(result: Result, name: str, part: Part | Solid) -> None:
     design = result.designs[name]
     assert isinstance(design, Design)
     level_set = isinstance(part, Part) and isinstance(design, LevelSet)
-    asked = isinstance(design, LevelSet) and level_set and design.sizes_asked
-    sizes = {name: _sizes(design)} if asked else {}
+    is_asked = isinstance(design, LevelSet) and level_set and design.sizes_asked
+    sizes = {name: _sizes(design)} if is_asked else {}
     rims = {name: (design.hole_rim, _sizes(design)[0])}
-    for what, each in part_violations(result.problem, {name: part}, sizes, rims).items():
-        result.violations[what] = each.share
-        warn(f"optimize: {name!r}: {each.said}", 5)
+    for what, violation in part_violations(result.problem, {name: part}, sizes, rims).items():
+        result.violations[what] = violation.share
+        warn(f"optimize: {name!r}: {violation.said}", 5)
     if not (level_set and isinstance(part, Part)):
         return
     share = sum(piece.area for piece in part.loose) / part.area

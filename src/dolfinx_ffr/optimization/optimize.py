@@ -225,10 +225,10 @@ def _checked(
     options: Mapping[str, Any],
 ) -> _Checked:
     """The arguments of `optimize`, or an error where they do not fit each other."""
-    said: dict[str, Any] = {"iterations": iterations, "volume": volume, "resume": resume}
-    said |= {"output": output is not None, "optimizer": optimizer, "gradient": gradient}
-    said |= {"options": options, "mode_tolerance": mode_tolerance, "boundary": boundary}
-    check_alike(comm, "optimize", said)
+    alike: dict[str, Any] = {"iterations": iterations, "volume": volume, "resume": resume}
+    alike |= {"output": output is not None, "optimizer": optimizer, "gradient": gradient}
+    alike |= {"options": options, "mode_tolerance": mode_tolerance, "boundary": boundary}
+    check_alike(comm, "optimize", alike)
     iterations = validation.integer("optimize: iterations", iterations)
     if boundary is not None:
         validation.integer("optimize: boundary", boundary)
@@ -249,8 +249,8 @@ def _checked(
         )
     design = _with_parameters(problem, design)
     sizing = sized(problem, design)
-    alone = sizing is not None and not sizing[0].flexible
-    given_volume = alone and volume != _VOLUME
+    all_sized = sizing is not None and not sizing[0].flexible
+    given_volume = all_sized and volume != _VOLUME
     if sizing and (given_volume or gradient or not isinstance(optimizer, MMA | None)):
         raise ValueError(
             "optimize: dimensions take MMA, the exact gradient, and no volume; bound the "
@@ -269,8 +269,10 @@ def _checked(
         give = f"give {sorted(options)} to the optimizer"
         raise ValueError(f"optimize: {give}, optimizer={taker.__name__}(...)")
     problem = _of_plates(problem, designs, optimizer)
-    given = {n: part.even() for n, part in designs.items()} if start is None else start
-    starts = given if isinstance(given, Mapping) else dict.fromkeys(designs, given)
+    given_start = {n: part.even() for n, part in designs.items()} if start is None else start
+    starts = (
+        given_start if isinstance(given_start, Mapping) else dict.fromkeys(designs, given_start)
+    )
     domains = {n: part.domain for n, part in designs.items() if isinstance(part, Design)}
     bounds = volume if isinstance(volume, Mapping) else dict.fromkeys(domains, volume)
     for what, by_body, names in (("start", starts, designs), ("volume", bounds, domains)):
@@ -349,49 +351,51 @@ def _with_parameters(
     """The designs with parameters as variables, or an error where they are not the problem's."""
     if isinstance(design, Parameters) and not problem.flexible:
         design = {"parameters": design}
-    every = design if isinstance(design, Mapping) else {"": design}
-    given = {name: part for name, part in every.items() if isinstance(part, Parameters)}
-    own = getattr(problem, "parameters", None)
-    for name, part in given.items():
-        if own is None or not part.fits(own):
+    by_name = design if isinstance(design, Mapping) else {"": design}
+    parameters = {name: part for name, part in by_name.items() if isinstance(part, Parameters)}
+    expected = getattr(problem, "parameters", None)
+    for name, part in parameters.items():
+        if expected is None or not part.fits(expected):
             raise ValueError(
                 f"optimize: {name or 'the design'!r} has the parameters {part.names}, and the "
-                f"mechanism of the problem {'none' if own is None else own.names}, or with other "
-                "bounds; make it by parameters.mechanism(...)"
+                f"mechanism of the problem {'none' if expected is None else expected.names}, or "
+                "with other bounds; make it by parameters.mechanism(...)"
             )
-        if name in problem.bodies or len(given) > 1:
+        if name in problem.bodies or len(parameters) > 1:
             raise ValueError(
                 f"optimize: parameters stand once, under a name that no body has, not as {name!r}"
             )
-    if not given:
-        if own is not None:
+    if not parameters:
+        if expected is not None:
             warn(
-                f"optimize: the parameters {own.names} of the mechanism keep their values, as no "
-                "design is given for them; give a mapping, as {'rod': design, 'machine': "
+                f"optimize: the parameters {expected.names} of the mechanism keep their values, as "
+                "no design is given for them; give a mapping, as {'rod': design, 'machine': "
                 "problem.parameters}, to design them, too, or make the mechanism without them",
             )
         return design  # type: ignore[return-value]
-    return {n: ParameterDesign(p) if n in given else p for n, p in every.items()}  # type: ignore[misc, arg-type]
+    return {n: ParameterDesign(p) if n in parameters else p for n, p in by_name.items()}  # type: ignore[misc, arg-type]
 
 
 def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> dict[str, Variables]:
     """The designs in the order of the problem's bodies, and then those without a domain."""
     names = list(problem.flexible)
     if isinstance(design, Mapping):
-        free = [n for n, part in design.items() if n not in names and not isinstance(part, Design)]
-        if set(design) != {*names, *free} or not design:
+        without_domain = [
+            n for n, part in design.items() if n not in names and not isinstance(part, Design)
+        ]
+        if set(design) != {*names, *without_domain} or not design:
             raise ValueError(
                 f"optimize: designs are given for {sorted(design)}, and the problem has {names}"
             )
-        found = {name: design[name] for name in [*names, *free]}
+        by_body = {name: design[name] for name in [*names, *without_domain]}
     elif len(names) != 1:
         raise ValueError(
             f"optimize: one design designs one body, and the problem has {sorted(names)}; give a "
             "mapping from name to design, or some bodies as VolumeIntegrals"
         )
     else:
-        found = {names[0]: design}
-    for name, part in found.items():
+        by_body = {names[0]: design}
+    for name, part in by_body.items():
         what = f"optimize: the design of {name!r}"
         if name in names:
             validation.instance(what, part, Design, "a LevelSet or a DensityDesign")
@@ -416,4 +420,4 @@ def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> d
                 "solid: the design may take all material away from there, and encloses no part "
                 "then; keep cells along each interface solid (Domain(..., solid=...))",
             )
-    return found
+    return by_body

@@ -25,10 +25,10 @@ def part_violations(
     """
     violations = {}
     for name, part in parts.items():
-        for each in outline_violations(part, *rims[name]):
-            violations[f"{name}: {each.name}"] = each
-        for each in _of_sizes(problem, name, part, *sizes[name]) if name in sizes else ():
-            violations[f"{name}: {each.name}"] = each
+        for violation in outline_violations(part, *rims[name]):
+            violations[f"{name}: {violation.name}"] = violation
+        for violation in _of_sizes(problem, name, part, *sizes[name]) if name in sizes else ():
+            violations[f"{name}: {violation.name}"] = violation
     return violations
 
 
@@ -38,9 +38,9 @@ def _of_sizes(
     yield from size_violations(part, member, gap)
     if isinstance(part, Part) and not part.web:
         markers = problem.flexible[name].markers.values()
-        held = np.array([marker.position for marker in markers]).reshape(-1, 2)
-        for place in free_ends(part, member, held):
-            at = "({:.4g}, {:.4g}) mm".format(*(1e3 * place))
+        bearings = np.array([marker.position for marker in markers]).reshape(-1, 2)
+        for place in free_ends(part, member, bearings):
+            place_text = "({:.4g}, {:.4g}) mm".format(*(1e3 * place))
             remedy = "take more steps of the boundary, a larger minimum_member, or another start"
-            said = f"a strut ends free near {at} and carries nothing: {remedy}"
-            yield PartViolation(f"strut that ends free near {at}", 1.0, said)
+            text = f"a strut ends free near {place_text} and carries nothing: {remedy}"
+            yield PartViolation(f"strut that ends free near {place_text}", 1.0, text)

@@ -118,16 +118,16 @@ class BoundaryResult:
     def summary(self) -> dict[str, Any]:
         """The row of the history that the result is, and how it ended, for `Result.summary`."""
         row = int(np.flatnonzero(self.history["psi"] == self.psi)[-1])
-        told = {key: float(column[row]) for key, column in self.history.items()}
-        return told | {
+        final = {key: float(column[row]) for key, column in self.history.items()}
+        return final | {
             "steps": int(np.count_nonzero(self.history["step"])),
             "reason": self.reason,
         }
 
     def part(self, name: str | None = None) -> Part | Solid:
         """The part or solid of the body ``name``, by default of the only one."""
-        found = self.boundary if name is None else self.boundaries[name]
-        return drawn_of(found)
+        boundary = self.boundary if name is None else self.boundaries[name]
+        return drawn_of(boundary)
 
 
 @dataclass(frozen=True, repr=False)
@@ -216,8 +216,8 @@ class Result(Shown):
 
     def summary(self) -> dict[str, Any]:
         """How the run ended, for `write_summary`."""
-        told = self.moved or self
-        errors = [error for error in told.mode_errors.values() if not np.isnan(error)]
+        final = self.moved or self
+        errors = [error for error in final.mode_errors.values() if not np.isnan(error)]
         return {
             "psi": self.psi,
             "reason": self.reason,
@@ -227,7 +227,7 @@ class Result(Shown):
             "violations": self.violations,
             "volume": (self.moved or self.evaluation).volume,
             "gray": float(self.history["gray"][-1]),
-            "modes": {name: body.modes for name, body in told.problem.flexible.items()},
+            "modes": {name: body.modes for name, body in final.problem.flexible.items()},
             "mode_error": max(errors, default=None),
             **({"dimensions": self.dimensions} if self._sized else {}),
             **({"parameters": self._told_parameters()} if self.parameters else {}),

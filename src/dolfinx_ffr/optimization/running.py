@@ -52,15 +52,15 @@ def warnings_above(bar: tqdm) -> Iterator[None]:
     A warning of a limit that differs in numbers only is shown once.
     """
     show = warnings.showwarning
-    known: set[tuple[type[Warning], str]] = set()
+    shown_before: set[tuple[type[Warning], str]] = set()
 
     def shown(message: Warning | str, category: type[Warning], *rest: Any, **options: Any) -> None:
         if issubclass(category, LIMITS):
             # names of bodies are quoted, and keep their numbers
-            said = category, _NUMBER.sub(lambda found: found[1] or "", str(message))
-            if said in known:
+            limit = category, _NUMBER.sub(lambda found: found[1] or "", str(message))
+            if limit in shown_before:
                 return
-            known.add(said)
+            shown_before.add(limit)
         with nullcontext() if bar.disable else bar.external_write_mode(file=sys.stderr):
             show(message, category, *rest, **options)
 
@@ -99,30 +99,30 @@ def alone_in(comm: MPI.Comm, folder: Path | None, what: str) -> Iterator[None]:
                 raise
             return None  # a file system without locks
 
-    held = on_rank_0(comm, take)
+    lock = on_rank_0(comm, take)
     try:
         yield
     finally:
-        if comm.rank == 0 and held is not None:
-            unlocked(folder / ".lock", held)
+        if comm.rank == 0 and lock is not None:
+            unlocked(folder / ".lock", lock)
 
 
 @contextmanager
 def interruptible(comm: MPI.Comm) -> Iterator[Callable[[], int]]:
     """Give a function that tells, alike on every rank, the signal that asks to stop; 0 for none."""
-    asked: list[int] = []
+    signals: list[int] = []
     previous: dict[signal.Signals, Any] = {}
 
     def handle(number: int, frame: Any) -> None:
-        asked.append(number)
-        if len(asked) > 1:
+        signals.append(number)
+        if len(signals) > 1:
             raise KeyboardInterrupt
 
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             previous[number] = signal.signal(number, handle)
     try:
-        yield lambda: max(gathered(comm, "a design loop", max(asked, default=0)))
+        yield lambda: max(gathered(comm, "a design loop", max(signals, default=0)))
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

@@ -71,25 +71,29 @@ class Sizing:
                     motions[name] = design.motion(domain, given[name], body.marker_nodes)
                 problem = self._problem.with_bodies(bodies)
             with simulating():
-                found = problem.value(of_problem({**given, **_full(bodies)}))
+                evaluated = problem.value(of_problem({**given, **_full(bodies)}))
         except TrialFailed as failed:
             error = failed.__cause__
             if self._begun and len(bodies) < len(self._designs):
                 warn(f"optimize: a step is taken back, as its body cannot be made: {error}")
             raise SimulationError(str(error), getattr(error, "trajectory", None)) from error  # type: ignore[arg-type]
         self._begun = True
-        told = {
+        dimensions = {
             f"{name}: {key}": number
             for name, design in self._designs.items()
             for key, number in design.named(given[name]).items()
         }
-        own: dict[str, Any] = {"problem": problem, "motions": motions, "dimensions": told}
-        return SizedEvaluation(**_parts(found), **own)
+        own_fields: dict[str, Any] = {
+            "problem": problem,
+            "motions": motions,
+            "dimensions": dimensions,
+        }
+        return SizedEvaluation(**_parts(evaluated), **own_fields)
 
     def differentiate(self, evaluation: SizedEvaluation) -> SizedEvaluation:
         """The evaluation with gradients by the variables in the place of those by densities."""
         assert evaluation.problem is not None
-        found = evaluation.problem.differentiate(evaluation, nodes=True)
+        differentiated = evaluation.problem.differentiate(evaluation, nodes=True)
         motions = evaluation.motions.items()
 
         def along(part: Any) -> Any:
@@ -100,9 +104,9 @@ class Sizing:
             others = part.gradient if isinstance(part.gradient, Mapping) else {}
             return replace(part, gradient={**others, **slopes})
 
-        cases = {n: along(case) for n, case in found.load_cases.items()}
-        bounds = {n: along(bound) for n, bound in found.constraints.items()}
-        return along(replace(found, constraints=bounds, load_cases=cases))
+        cases = {n: along(case) for n, case in differentiated.load_cases.items()}
+        bounds = {n: along(bound) for n, bound in differentiated.constraints.items()}
+        return along(replace(differentiated, constraints=bounds, load_cases=cases))
 
     def calibrated(self, evaluation: SizedEvaluation) -> tuple[Sizing, SizedEvaluation]:
         """As `Problem.calibrated`, for this and all later designs."""
@@ -112,13 +116,13 @@ class Sizing:
         self, evaluation: SizedEvaluation, changed: Change
     ) -> tuple[Sizing, SizedEvaluation]:
         """As `Problem.adapted`, for this and all later designs."""
-        before = evaluation.problem
-        assert before is not None
-        problem, found = before.adapted(evaluation, changed)
-        if problem is before:
+        earlier = evaluation.problem
+        assert earlier is not None
+        problem, adapted_evaluation = earlier.adapted(evaluation, changed)
+        if problem is earlier:
             return self, evaluation
         sizing = Sizing(problem, self._designs)
-        return sizing, replace(found, problem=problem)  # type: ignore[return-value, call-arg]
+        return sizing, replace(adapted_evaluation, problem=problem)  # type: ignore[return-value, call-arg]
 
     def full(self, problem: Problem) -> dict[str, Array]:
         """Densities of the bodies by dimensions, on the meshes of a ``problem``, (cells,) each."""
@@ -128,16 +132,16 @@ class Sizing:
         """The result of a run with its problem on the last meshes, with as many modes as needed."""
         evaluation = result.evaluation
         assert isinstance(evaluation, SizedEvaluation) and evaluation.problem is not None
-        problem, found = evaluation.problem, Evaluation(**_parts(evaluation))
+        problem, final = evaluation.problem, Evaluation(**_parts(evaluation))
         x = {**result.variables, **result.densities, **self.full(problem)}
-        if found.at is not None and found.label:
-            x[found.label] = found.at.array
+        if final.at is not None and final.label:
+            x[final.label] = final.at.array
         errors: dict[str, float] = {}
         if tolerance is not None:
             first = {name: body.modes for name, body in problem.flexible.items()}
-            problem, found, errors = with_enough_modes(problem, x, found, tolerance, first)
-        problem, found = with_steps_for(problem, x, found)
-        return replace(result, problem=problem, evaluation=found, mode_errors=errors)
+            problem, final, errors = with_enough_modes(problem, x, final, tolerance, first)
+        problem, final = with_steps_for(problem, x, final)
+        return replace(result, problem=problem, evaluation=final, mode_errors=errors)
 
 
 def _full(bodies: Mapping[str, FlexibleBody]) -> dict[str, Array]:
@@ -155,14 +159,14 @@ def sized(
 ) -> tuple[Sizing, dict[str, Variables]] | None:
     """The problem of dimensions, and all designs by name; None if there are no dimensions."""
     names = list(problem.flexible)
-    given = design if isinstance(design, Mapping) else dict.fromkeys(names[:1], design)
-    found = {n: part for n, part in given.items() if isinstance(part, DimensionDesign)}
-    if not found:
+    by_name = design if isinstance(design, Mapping) else dict.fromkeys(names[:1], design)
+    dimensioned = {n: part for n, part in by_name.items() if isinstance(part, DimensionDesign)}
+    if not dimensioned:
         return None
-    if not found.keys() <= set(names) <= given.keys():
+    if not dimensioned.keys() <= set(names) <= by_name.keys():
         raise ValueError(
-            f"optimize: dimensions are given for {sorted(found)}, and the problem designs "
+            f"optimize: dimensions are given for {sorted(dimensioned)}, and the problem designs "
             f"{sorted(names)}; give dimensions or densities of each, or some bodies by their "
             "volume integrals"
         )
-    return Sizing(problem, found), {name: given[name] for name in [*names, *given]}
+    return Sizing(problem, dimensioned), {name: by_name[name] for name in [*names, *by_name]}

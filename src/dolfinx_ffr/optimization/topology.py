@@ -147,30 +147,32 @@ def shifted(
         np.einsum("skd,kd->sk", motions[n], b.normals) @ b.shares / b.shares.sum(axis=0).A1
         for n, b in boundaries.items()
     ]
-    ways, ends = block_diag(*by_masters), np.cumsum(list(map(len, by_masters)))[:-1]
+    by_motions, ends = block_diag(*by_masters), np.cumsum(list(map(len, by_masters)))[:-1]
 
     def along(found: Slopes) -> Array:
         bounds = found.slopes[len(found.values) - found.bounds :]
-        return np.asarray(ways @ (found.psi + of_bounds @ bounds))
+        return np.asarray(by_motions @ (found.psi + of_bounds @ bounds))
 
     def slid(lengths: Array) -> Trial | None:
         each = zip(boundaries.items(), np.split(lengths, ends), strict=True)
         try:
             with shaping():
-                there = {n: b.slid(b.member * np.tensordot(s, motions[n], 1)) for (n, b), s in each}
-            return descent.tried({**trial.boundaries, **there})
+                slopes_there = {
+                    n: b.slid(b.member * np.tensordot(s, motions[n], 1)) for (n, b), s in each
+                }
+            return descent.tried({**trial.boundaries, **slopes_there})
         except TrialFailed:
             return None
 
     slope = along(slopes)
     lengths = np.where(np.abs(slope) > _SLOPE, -_SLIDE * np.sign(slope), 0.0)
-    first = slid(lengths) if np.any(lengths) else None
-    if first is None:
+    first_slide = slid(lengths) if np.any(lengths) else None
+    if first_slide is None:
         return trial, slopes
-    there = descent.slopes(first)
-    bends = (along(there) - slope) * lengths / _SLIDE**2
+    slopes_there = descent.slopes(first_slide)
+    bends = (along(slopes_there) - slope) * lengths / _SLIDE**2
     second = slid(-slope * (lengths != 0.0) / np.maximum(bends, np.abs(slope) / _FARTHEST + 1e-12))
-    best = min(trial, first, second or trial, key=lambda each: each.without_sizes(weight))
+    best = min(trial, first_slide, second or trial, key=lambda each: each.without_sizes(weight))
     if best is second:
         return second, descent.slopes(second)
-    return (first, there) if best is first else (trial, slopes)
+    return (first_slide, slopes_there) if best is first_slide else (trial, slopes)
