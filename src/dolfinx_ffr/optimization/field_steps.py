@@ -243,7 +243,7 @@ class FieldSteps:
 
 def _changes(before: FieldTrial, after: FieldTrial) -> dict[str, int]:
     """How many members or holes came and went, as the number of holes tells."""
-    holes = [sum(part.holes for part in trial.parts.values()) for trial in (before, after)]
+    holes = [sum(f.part.holes for f in trial.fields.values()) for trial in (before, after)]
     return {"inserted": max(0, holes[1] - holes[0]), "removed": max(0, holes[0] - holes[1])}
 
 
