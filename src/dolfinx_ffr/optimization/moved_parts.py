@@ -126,6 +126,7 @@ def _fields(
             rim=design.hole_rim,
             mirrors=design.mirrors if isinstance(design, LevelSet) else (),
             material=result.problem.flexible[name].material,
+            volume=result.bounds.get(name, 1.0),
         )
         boundaries[name] = first_field(space, part.polygon)
     return boundaries
