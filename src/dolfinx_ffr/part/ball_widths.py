@@ -21,33 +21,45 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Integers
+from ..arrays import Array, Integers, Mask
 from .widths import Width, least_width
 
-#: Most samples of a surface
+#: Most samples of a surface, which takes some seconds
 MOST_SAMPLES = 100_000
-#: Product of the normals of both sides, below which they are those of a wall, and no wedge
+#: Product of the normals of both sides, below which they are those of a wall, and no wedge: 20
+#: degrees from opposite
 OPPOSITE = -np.cos(np.radians(20.0))
-#: Most times that balls shrink, and by which share at least
-_SHRINKS, _SHRUNK = 30, 1e-4
-#: Share of R below which a ball is thin: the surface is known by samples
-_BELOW = 0.97
-#: How much farther than in a wedge between two planes the erosion may be in a corner of three
-_CORNER = 2.0
-#: Distance in R from which the erosion is out of reach, and of a place opposite of it, in distances
-_FAR, _ACROSS = 3.0, 0.7
-#: Ratio of the radii of the balls whose inner parts stand for the erosion, and their number
-_LARGER, _LEVELS = 1.25, 5
-#: Distance in samples of centres that count once
-_SAME = 0.1
-#: Ratio of the diameters that are tried, and accuracy of the one above that of the member
-_RATIO, _ACCURACY = 1.15, 0.02
-#: Diameter for which walls are looked for that are thinner than one
-_WALLS = 1.2
-#: Ratio of diameters for both of which a neck has thicker parts on either side
-_STAYS = 1.1
-#: Samples of a re-entrant edge in the directions between both normals; least angle of it
-_TURNS, _EDGE = 4, np.radians(20.0)
+
+
+@dataclass(frozen=True)
+class BallOptions:
+    """What decides whether a ball is thin, and how accurately."""
+
+    most_shrinks: int = 30  #: Times at most that a ball shrinks
+    least_shrinking: float = 1e-4  #: Share of its radius by which a ball shrinks, if it goes on
+    #: Share of R below which a ball is thin: the surface is known by samples
+    fitting_share: float = 0.97
+    #: How much farther than in a wedge between two planes the erosion may be in a corner of three
+    corner_reach: float = 2.0
+    erosion_reach: float = 3.0  #: Distance in R from which on the erosion is out of reach
+    #: Distance of a place of the erosion from that opposite of another one, at most, in the
+    #: distances of both from the ball
+    opposite_reach: float = 0.7
+    #: Ratio of the radii of the larger balls that stand for the erosion
+    erosion_ratio: float = 1.25
+    erosion_levels: int = 5  #: Number of these radii
+    center_spacing: float = 0.1  #: Distance in samples of centres that count once
+    diameter_ratio: float = 1.15  #: Ratio of the diameters that are tried
+    accuracy: float = 0.02  #: Accuracy of the diameter of the thinnest member
+    wall_ratio: float = 1.2  #: Diameter for which walls are looked for that are thinner than one
+    #: Ratio of two diameters, for both of which a neck has thicker parts on either side: a ripple
+    #: of a rim is a neck for balls of one size only
+    neck_ratio: float = 1.1
+    edge_samples: int = 4  #: Directions between both normals of a re-entrant edge that have samples
+    edge_angle: float = float(np.radians(20.0))  #: Least angle of a re-entrant edge [rad]
+
+
+OPTIONS = BallOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,57 +82,76 @@ class Balls:
     @property
     def cosine(self) -> Array:
         """Product of the normals at both places that a ball touches, (n,)."""
-        found = np.einsum("nd,nd->n", self.normals, self.normals[self.ends])
-        return np.where(self.ends >= 0, found, 1.0)
+        product = np.einsum("nd,nd->n", self.normals, self.normals[self.ends])
+        return np.where(self.ends >= 0, product, 1.0)
 
     def fitting(self, radius: float) -> cKDTree | None:
         """A tree of the centres of balls that are as large, None where there are none."""
         if radius not in self._trees:
             fits = self.centers[self.radius >= 0.999 * radius]
-            self._trees[radius] = cKDTree(_apart(fits, _SAME * self.spacing)) if len(fits) else None
+            self._trees[radius] = (
+                cKDTree(_apart(fits, OPTIONS.center_spacing * self.spacing)) if len(fits) else None
+            )
         return self._trees[radius]
 
     def thin(self, radius: float) -> Integers:
         """Numbers of thin balls, see the module."""
-        own, spacing = self.radius, self.spacing
-        numbers = np.flatnonzero((self.ends >= 0) & (own < _BELOW * radius) & (own > spacing))
-        at, cosine = self.centers[numbers], self.cosine[numbers]
-        away, near = np.full(len(at), np.inf), np.full(at.shape, np.inf)
-        first = int(np.ceil(np.log(radius) / np.log(_LARGER) + 1e-9))
-        for larger in (radius, *(_LARGER**k for k in range(first, first + _LEVELS))):
+        is_small = (self.radius < OPTIONS.fitting_share * radius) & (self.radius > self.spacing)
+        numbers = np.flatnonzero((self.ends >= 0) & is_small)
+        centers, cosine = self.centers[numbers], self.cosine[numbers]
+        distance, nearest = self._erosion(centers, radius)
+
+        sine = np.sqrt(0.5 * np.maximum(1.0 + cosine, 0.0))
+        missing = radius - self.radius[numbers]
+        in_wedge = OPTIONS.corner_reach * missing / np.maximum(sine, 1e-9) + self.spacing
+        is_bare = (cosine < OPPOSITE) | (distance > in_wedge)
+        is_far = distance > OPTIONS.erosion_reach * radius
+        is_thin = is_far & is_bare
+        close = np.flatnonzero(is_bare & ~is_far)
+        if len(close):
+            is_thin[close] = self._is_between(
+                centers[close], nearest[close], distance[close], radius
+            )
+        return numbers[is_thin]
+
+    def _erosion(self, centers: Array, radius: float) -> tuple[Array, Array]:
+        """Distance (n,) of the erosion from centres (n, 3), and its nearest point (n, 3).
+
+        All that is within a larger ball, and as far from its surface as the radius, belongs to the
+        erosion. The distance is infinite where it is out of reach.
+        """
+        distance, nearest = np.full(len(centers), np.inf), np.full(centers.shape, np.inf)
+        first = int(np.ceil(np.log(radius) / np.log(OPTIONS.erosion_ratio) + 1e-9))
+        powers = range(first, first + OPTIONS.erosion_levels)
+        for larger in (radius, *(OPTIONS.erosion_ratio**k for k in powers)):
             tree = self.fitting(larger)
             if tree is None:
                 break
-            # all within the larger ball that is that much off its surface belongs to the erosion
-            found, which = tree.query(at, distance_upper_bound=_FAR * radius + larger)
-            share = np.minimum((larger - radius) / np.maximum(found, 1e-300), 1.0)
-            better = np.flatnonzero((1.0 - share) * found < away)
-            away[better] = ((1.0 - share) * found)[better]
-            there = tree.data[which[better]]
-            near[better] = there + share[better, None] * (at[better] - there)
-        sine = np.sqrt(0.5 * np.maximum(1.0 + cosine, 0.0))
-        wedge = _CORNER * (radius - own[numbers]) / np.maximum(sine, 1e-9) + spacing
-        bare = (cosine < OPPOSITE) | (away > wedge)
-        far = away > _FAR * radius
-        thin = far & bare
-        close = np.flatnonzero(bare & ~far)
-        if len(close):
-            tree = self.fitting(radius)
-            assert tree is not None
-            found, which = tree.query(2.0 * at[close] - near[close])
-            # the way there is in the material
-            middle = 0.5 * (at[close] + tree.data[which])
-            surface = cKDTree(self.points).query(middle)[1]
-            way = middle - self.points[surface]
-            inside = np.einsum("nd,nd->n", way, self.normals[surface]) > 0.0
-            thin[close] = inside & (found < _ACROSS * away[close])
-        return numbers[thin]
+            reach = OPTIONS.erosion_reach * radius + larger
+            to_center, number = tree.query(centers, distance_upper_bound=reach)
+            share = np.minimum((larger - radius) / np.maximum(to_center, 1e-300), 1.0)
+            outside = (1.0 - share) * to_center
+            nearer = np.flatnonzero(outside < distance)
+            distance[nearer] = outside[nearer]
+            fitting = tree.data[number[nearer]]
+            nearest[nearer] = fitting + share[nearer, None] * (centers[nearer] - fitting)
+        return distance, nearest
+
+    def _is_between(self, centers: Array, nearest: Array, distance: Array, radius: float) -> Mask:
+        """Whether the erosion is also opposite of its nearest points, through the material."""
+        tree = self.fitting(radius)
+        assert tree is not None
+        offset, number = tree.query(2.0 * centers - nearest)
+        middle = 0.5 * (centers + tree.data[number])
+        surface = cKDTree(self.points).query(middle)[1]
+        from_surface = middle - self.points[surface]
+        is_inside = np.einsum("nd,nd->n", from_surface, self.normals[surface]) > 0.0
+        return np.asarray(is_inside & (offset < OPTIONS.opposite_reach * distance))
 
     def members(self, d: float) -> Integers | None:
         """Numbers of balls in members thinner than d [m], None if there are none."""
-        # a ripple of a rim is a neck for balls of one size only
         thin = self.thin(0.5 * d)
-        thin = np.intersect1d(thin, self.thin(0.5 * _STAYS * d)) if len(thin) else thin
+        thin = np.intersect1d(thin, self.thin(0.5 * OPTIONS.neck_ratio * d)) if len(thin) else thin
         return thin if len(thin) else None
 
     def thinnest(self) -> Width | None:
@@ -128,34 +159,41 @@ class Balls:
 
         What is thinner than two spacings is not seen.
         """
-        first, most = 2.0 * self.spacing, 2.0 * (1.0 - 2.0 * _ACCURACY) * self.largest
-        d = least_width(self.members, first, _RATIO * first, most, _RATIO, lambda d: _ACCURACY * d)
+        accuracy, below = OPTIONS.accuracy, OPTIONS.fitting_share
+        least, largest = 2.0 * self.spacing, 2.0 * (1.0 - 2.0 * accuracy) * self.largest
+        ratio = OPTIONS.diameter_ratio
+        d = least_width(self.members, least, ratio * least, largest, ratio, lambda d: accuracy * d)
         if d is None:
             return None
         # beside edges balls are smaller than amid the member
-        wider = self.thin(0.5 * (1.0 + 2.0 * _ACCURACY) / _BELOW * d)
-        sure = self.members(d)
-        thin = np.union1d(self.thin(0.5 * d) if sure is None else sure, wider)
+        wider = self.thin(0.5 * (1.0 + 2.0 * accuracy) / below * d)
+        members = self.members(d)
+        thin = np.union1d(self.thin(0.5 * d) if members is None else members, wider)
         facing = thin[self.cosine[thin] < OPPOSITE]
-        facing = facing[2.0 * self.radius[facing] > (1.0 - 2.0 * _ACCURACY) * _BELOW * d]
-        known = len(facing) > 0
-        at = facing[np.argmin(self.radius[facing])] if known else thin[np.argmax(self.radius[thin])]
-        value = 2.0 * float(self.radius[at])
-        return Width(value, np.stack([self.points[at], self.points[at] + value * self.normals[at]]))
+        facing = facing[2.0 * self.radius[facing] > (1.0 - 2.0 * accuracy) * below * d]
+        if len(facing):
+            number = facing[np.argmin(self.radius[facing])]
+        else:
+            number = thin[np.argmax(self.radius[thin])]
+        value, start = 2.0 * float(self.radius[number]), self.points[number]
+        return Width(value, np.stack([start, start + value * self.normals[number]]))
 
     def thinner(self, d: float) -> Array:
         """Centres of balls in walls and other members thinner than d, (n, 3) [m]."""
-        found, members = self.thin(0.5 * _WALLS * d), self.members(d / _BELOW)
-        found = found[self.cosine[found] < OPPOSITE]
-        found = found if members is None else np.union1d(found, members)
-        return self.centers[found[2.0 * self.radius[found] < d]]
+        thin, members = (
+            self.thin(0.5 * OPTIONS.wall_ratio * d),
+            self.members(d / OPTIONS.fitting_share),
+        )
+        thin = thin[self.cosine[thin] < OPPOSITE]
+        thin = thin if members is None else np.union1d(thin, members)
+        return self.centers[thin[2.0 * self.radius[thin] < d]]
 
 
 def _apart(points: Array, step: float) -> Array:
     """One of the points (n, 3) in each box of a size [m]: trees are slow with many alike."""
-    whole = np.floor((points - points.min(axis=0)) / step).astype(np.int64)
-    sizes = whole.max(axis=0) + 1
-    key = (whole[:, 0] * sizes[1] + whole[:, 1]) * sizes[2] + whole[:, 2]
+    box = np.floor((points - points.min(axis=0)) / step).astype(np.int64)
+    sizes = box.max(axis=0) + 1
+    key = (box[:, 0] * sizes[1] + box[:, 1]) * sizes[2] + box[:, 2]
     return np.asarray(points[np.unique(key, return_index=True)[1]])
 
 
@@ -178,28 +216,31 @@ def _samples(
 ) -> tuple[Array, Array]:
     """Samples of a surface, and of its edges that are re-entrant from ``sides``, with normals."""
     normals = sides / np.maximum(np.linalg.norm(sides, axis=1), 1e-300)[:, None]
-    x, which = spread(points[triangles], 2.0 * spacing)
+    x, triangle = spread(points[triangles], 2.0 * spacing)
     # both triangles at each edge, and the corner of the second that is not on it
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     order = np.lexsort(edges.T)
     pair = np.flatnonzero(np.all(np.diff(edges[order], axis=0) == 0, axis=1))
     a, b = order[pair], order[pair + 1]
-    one, two = normals[a // 3], normals[b // 3]
-    other = points[triangles[b // 3, (b % 3 + 2) % 3]] - points[edges[a, 0]]
-    # seen from there, the second one bends away
-    bent = np.einsum("ed,ed->e", other, one) < 0.0
-    bent &= np.einsum("ed,ed->e", one, two) < np.cos(_EDGE)
-    a, one, two = a[bent], one[bent], two[bent]
+    normal_a, normal_b = normals[a // 3], normals[b // 3]
+    beyond = points[triangles[b // 3, (b % 3 + 2) % 3]] - points[edges[a, 0]]
+    # on the side of the normals the second triangle bends away from the first
+    bends_away = np.einsum("ed,ed->e", beyond, normal_a) < 0.0
+    is_sharp = np.einsum("ed,ed->e", normal_a, normal_b) < np.cos(OPTIONS.edge_angle)
+    is_reentrant = bends_away & is_sharp
+    a, normal_a, normal_b = a[is_reentrant], normal_a[is_reentrant], normal_b[is_reentrant]
+
     start, end = points[edges[a]].swapaxes(0, 1)
     counts = np.ceil(np.linalg.norm(end - start, axis=1) / spacing).astype(int)
-    number = np.repeat(np.arange(len(a)), counts)
-    place = (np.arange(len(number)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5)[:, None]
-    along = start[number] + place / counts[number][:, None] * (end - start)[number]
-    found, turned = [x, *[along] * _TURNS], [normals[which]]
-    for share in (np.arange(_TURNS) + 0.5) / _TURNS:
-        between = ((1.0 - share) * one + share * two)[number]
+    edge = np.repeat(np.arange(len(a)), counts)
+    place = (np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5)[:, None]
+    on_edges = start[edge] + place / counts[edge][:, None] * (end - start)[edge]
+    turned = []
+    for share in (np.arange(OPTIONS.edge_samples) + 0.5) / OPTIONS.edge_samples:
+        between = ((1.0 - share) * normal_a + share * normal_b)[edge]
         turned.append(between / np.maximum(np.linalg.norm(between, axis=1), 1e-300)[:, None])
-    return np.concatenate(found), np.concatenate(turned)
+    samples = np.concatenate([x, *[on_edges] * OPTIONS.edge_samples])
+    return samples, np.concatenate([normals[triangle], *turned])
 
 
 def tangent_balls(
@@ -213,25 +254,25 @@ def tangent_balls(
     """
     tree = cKDTree(at)
     radius, end = np.full(len(points), largest), np.full(len(points), -1)
-    live = np.arange(len(points))
-    for _ in range(_SHRINKS):
-        x, n, r = points[live], inward[live], radius[live]
-        away, near = tree.query(x + r[:, None] * n)
-        way = at[near] - x
-        along = np.einsum("nd,nd->n", way, n)
-        inside = (away < (1.0 - 1e-6) * r) & (along > 0.0)
-        live, near, before = live[inside], near[inside], r[inside]
-        new = 0.5 * np.sum(way[inside] ** 2, axis=1) / along[inside]
-        radius[live], end[live] = np.minimum(new, before), near
-        live = live[new < (1.0 - _SHRUNK) * before]
-        if not len(live):
+    shrinking = np.arange(len(points))
+    for _ in range(OPTIONS.most_shrinks):
+        x, n, r = points[shrinking], inward[shrinking], radius[shrinking]
+        distance, nearest = tree.query(x + r[:, None] * n)
+        chord = at[nearest] - x
+        along = np.einsum("nd,nd->n", chord, n)
+        is_inside = (distance < (1.0 - 1e-6) * r) & (along > 0.0)
+        shrinking, nearest, r = shrinking[is_inside], nearest[is_inside], r[is_inside]
+        smaller = 0.5 * np.sum(chord[is_inside] ** 2, axis=1) / along[is_inside]
+        radius[shrinking], end[shrinking] = np.minimum(smaller, r), nearest
+        shrinking = shrinking[smaller < (1.0 - OPTIONS.least_shrinking) * r]
+        if not len(shrinking):
             break
-    # that which touches the plane at the sample, which is more accurate than the sample
-    met = end >= 0
-    n, m = inward[met], normals[end[met]]
-    deep = np.einsum("nd,nd->n", points[met] - at[end[met]], m)
+    # the ball that touches the plane at the sample, which is more accurate than the sample
+    touches = end >= 0
+    n, m = inward[touches], normals[end[touches]]
+    depth = np.einsum("nd,nd->n", points[touches] - at[end[touches]], m)
     cosine = np.einsum("nd,nd->n", n, m)
-    radius[met] = np.clip(deep / np.maximum(1.0 - cosine, 0.1), 0.0, largest)
+    radius[touches] = np.clip(depth / np.maximum(1.0 - cosine, 0.1), 0.0, largest)
     return radius, end
 
 
@@ -246,7 +287,7 @@ def spread(corners: Array, spacing: float) -> tuple[Array, Integers]:
         numbers.append(number[small])
         a, b, c = np.moveaxis(corners[~small], 1, 0)
         ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        corners = np.concatenate([np.stack(part, axis=1) for part in parts])
-        number = np.tile(number[~small], len(parts))
+        quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        corners = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
+        number = np.tile(number[~small], len(quarters))
     return np.concatenate(points), np.concatenate(numbers)

@@ -99,62 +99,66 @@ def narrowest_gap(shape: BaseGeometry, least: float, largest: float) -> Width | 
 
 def _connected(shape: BaseGeometry) -> tuple[int, int]:
     """Numbers of pieces and of holes."""
-    parts = [part for part in shapely.get_parts(shape) if part.area > 0.0]
-    return len(parts), sum(len(part.interiors) for part in parts)
+    polygons = [polygon for polygon in shapely.get_parts(shape) if polygon.area > 0.0]
+    return len(polygons), sum(len(polygon.interiors) for polygon in polygons)
 
 
-def _member(shape: BaseGeometry, whole: tuple[int, int], d: float) -> BaseGeometry | None:
-    """A member of a shape that is thinner than d, a point or line along its middle, or None."""
+def _member(shape: BaseGeometry, connected: tuple[int, int], d: float) -> BaseGeometry | None:
+    """A point in the middle of a member that is thinner than d, or None.
+
+    The numbers of pieces and of holes of the shape are ``connected``.
+    """
     centers = shape.buffer(-0.5 * d, quad_segs=_SIDES)
-    if _connected(centers) != whole:
+    if _connected(centers) != connected:
         # centres of discs a little smaller get through; where a way is too short to be told from
         # its ends, larger discs are kept out of more of it
         for wide in (d, (1.0 + ACCURACY) * d):
-            kept = centers if wide == d else shape.buffer(-0.5 * wide, quad_segs=_SIDES)
+            fitting = centers if wide == d else shape.buffer(-0.5 * wide, quad_segs=_SIDES)
             narrow = shape.buffer(-0.5 * (1.0 - 2.0 * ACCURACY) * wide, quad_segs=_SIDES)
-            passing = narrow.difference(kept.buffer(4.0 * ACCURACY * wide, quad_segs=4))
+            passing = narrow.difference(fitting.buffer(4.0 * ACCURACY * wide, quad_segs=4))
             if not passing.is_empty:
                 return _middle(passing, shape)
         return _middle(shape, shape)
     reached = centers.buffer(0.5 * d, quad_segs=_SIDES)
     # the discs are polygons: what they miss of a round boundary is no member
-    left = shape.difference(reached.buffer(0.01 * d, quad_segs=4))
-    for part in shapely.get_parts(left):
-        if part.area < _FULL * d * d:
+    missed = shape.difference(reached.buffer(0.01 * d, quad_segs=4))
+    for finger in shapely.get_parts(missed):
+        if finger.area < _FULL * d * d:
             continue
-        corners = shapely.points(shapely.get_coordinates(part))
+        corners = shapely.points(shapely.get_coordinates(finger))
         length = float(np.max(shapely.distance(corners, reached)))
-        if length > d and part.area > _FULL * d * length:
-            return _middle(part, shape)
+        if length > d and finger.area > _FULL * d * length:
+            return _middle(finger, shape)
     return None
 
 
 def _middle(region: BaseGeometry, shape: BaseGeometry) -> BaseGeometry:
     """The point of a region that is farthest from the boundary of the shape, nearly."""
-    parts = [part for part in shapely.get_parts(region) if part.area > 0.0]
-    if not parts:
+    polygons = [polygon for polygon in shapely.get_parts(region) if polygon.area > 0.0]
+    if not polygons:
         return region.representative_point()
     edges = shape.boundary
-    points = [part.representative_point() for part in parts]
+    points = [polygon.representative_point() for polygon in polygons]
     return max(points, key=lambda point: shapely.distance(point, edges))
 
 
 def _across(shape: BaseGeometry, middle: BaseGeometry) -> Array:
     """Two points of the boundary on both sides of a point, nearest to it and opposite."""
     edges = shape.boundary
-    near = shapely.get_coordinates(shapely.shortest_line(middle, edges))[1]
-    start = shapely.get_coordinates(middle)[0]
-    away = start - near
-    size = float(np.hypot(*away))
-    if size == 0.0:
-        return np.array([near, near])
-    ray = shapely.LineString([start, start + 6.0 * away]).intersection(edges)
+    nearest = shapely.get_coordinates(shapely.shortest_line(middle, edges))[1]
+    center = shapely.get_coordinates(middle)[0]
+    radial = center - nearest
+    radius = float(np.hypot(*radial))
+    if radius == 0.0:
+        return np.array([nearest, nearest])
+    ray = shapely.LineString([center, center + 6.0 * radial]).intersection(edges)
     if ray.is_empty:
-        return np.array([near, start + away])
+        return np.array([nearest, center + radial])
     hits = shapely.get_coordinates(ray)
-    far = hits[np.argmin(np.linalg.norm(hits - start, axis=1))]
+    opposite = hits[np.argmin(np.linalg.norm(hits - center, axis=1))]
     # in the middle of a hole the disc may meet its boundary in three points, none opposite
-    return np.array([near, far if np.hypot(*(far - start)) < 1.02 * size else start + away])
+    is_on_disc = np.hypot(*(opposite - center)) < 1.02 * radius
+    return np.array([nearest, opposite if is_on_disc else center + radial])
 
 
 def member_widths(rings: Sequence[Array], step: float, largest: float) -> tuple[Array, Array]:
@@ -177,8 +181,8 @@ def member_widths(rings: Sequence[Array], step: float, largest: float) -> tuple[
     pairs = cKDTree(x).query_pairs(largest, output_type="ndarray")
     pairs = pairs[np.einsum("ij,ij->i", n[pairs[:, 0]], n[pairs[:, 1]]) < -0.5]
     for i, j in (pairs.T, pairs.T[::-1]):
-        way = x[j] - x[i]
-        distance = np.linalg.norm(way, axis=1)
-        met = np.einsum("ij,ij->i", way, n[i]) > 0.7 * distance
-        np.minimum.at(widths, i[met], distance[met])
+        across = x[j] - x[i]
+        distance = np.linalg.norm(across, axis=1)
+        is_opposite = np.einsum("ij,ij->i", across, n[i]) > 0.7 * distance
+        np.minimum.at(widths, i[is_opposite], distance[is_opposite])
     return x, widths
