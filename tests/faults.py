@@ -34,7 +34,7 @@ design/density_filter.py | 1.0 - np.tanh(self.beta * (means | 1.0 + np.tanh(self
 design/dimensions.py | ends[0][k] - ends[1][k] | ends[0][k] - here[k] | design/test_dimensions.py
 design/level_set.py | WEIGHT * ramp * late | WEIGHT * late | design/test_level_set.py optimization/test_mma.py
 design/level_set.py | min(row, rows - 1 - row) | min(row, rows - row) | design/test_level_set.py
-design/rbf.py | x + 0.5 * width] | x + width] | design
+design/rbf.py | x + 0.5 * width] | x + width] | design/test_rbf.py
 dynamics/integration/generalized_alpha.py | (0.5 - beta) | (0.5 + beta) | dynamics/test_dynamics.py
 dynamics/integration/stages.py | (rhs[p] - push) | rhs[p] | dynamics/test_radau.py
 dynamics/kinematics/bodies_space.py | += Z[ix + j] - Z[xi + j] | += Z[ix + j] + Z[xi + j] | dynamics/test_spatial_adjoint.py
