@@ -15,6 +15,7 @@ from dolfinx_ffr.design.rbf import (
     Multiquadric,
     ThinPlate,
     Wendland,
+    strip_width,
 )
 from dolfinx_ffr.verification import convergence_order
 
@@ -69,3 +70,14 @@ def test_kernels_are_definite_beside_polynomials_of_their_degree(kernel: Kernel)
     assert eigenvalues.min() > 1e-10 * eigenvalues.max()
     if degree >= 0:  # and not without them
         assert np.linalg.eigvalsh((-1.0) ** (degree + 1) * matrix).min() < 0.0
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_width_of_a_strip_in_the_field(dimension: int) -> None:
+    """Beside the convolution of the kernel with a strip of 0.8 radii, on a grid."""
+    r, beside = np.linspace(-1.0, 1.0, 2001), np.linspace(0.0, 1.0, 500)
+    profile = Wendland(1.0)(np.hypot(r[:, None], beside)) @ beside ** (dimension - 2)
+    places = np.linspace(0.0, 0.8, 801)
+    field = np.array([np.sum(profile[np.abs(r - x) < 0.4]) for x in places]) / np.sum(profile)
+    edge = np.interp(-0.5, -field, places)
+    assert strip_width(field[0], dimension) == pytest.approx(2.0 * edge, rel=5e-3)

@@ -165,3 +165,10 @@ def test_a_thickness_that_is_a_density_is_said(comm: MPI.Intracomm, law: Any) ->
         ffr.FlexibleBody(domain, law(210e9, 0.3, 0.01, 7850.0), frame=frame, modes=1)
     ffr.FlexibleBody(domain, law(210e3, 0.3, 7.85e-9, 0.1), frame=frame, modes=1)
     ffr.FlexibleBody(domain, ffr.PlaneStrain(210e9, 0.3, 7850.0), frame=frame, modes=1)
+
+
+def test_constants_of_lame() -> None:
+    """Young's modulus and Poisson's ratio come back from them."""
+    first, second = ffr.Isotropic(210e9, 0.3, 7850.0).lame
+    assert second * (3.0 * first + 2.0 * second) / (first + second) == pytest.approx(210e9)
+    assert 0.5 * first / (first + second) == pytest.approx(0.3)
