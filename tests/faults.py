@@ -29,7 +29,7 @@ boundary/derivative.py | 0.5 * bar[self._middles] | bar[self._middles] | boundar
 boundary/sizes.py | by_a -= 3.0 * | by_a -= 2.0 * | boundary/test_move_boundary.py
 boundary/step.py | inner + 0.5 * np.sum((inner | inner - 0.5 * np.sum((inner | boundary/test_step.py
 boundary/surface.py | kron(lines[0], lines[1]) | kron(lines[0], lines[0]) | boundary/test_surface.py
-boundary_field/sizes.py | by_x = 2.0 * (yy | by_x = (yy | boundary_field
+boundary_field/sizes.py | diags(2.0 * (yy | diags((yy | boundary_field
 design/density_filter.py | 1.0 - np.tanh(self.beta * (means | 1.0 + np.tanh(self.beta * (means | design/test_density_filter.py
 design/dimensions.py | ends[0][k] - ends[1][k] | ends[0][k] - here[k] | design/test_dimensions.py
 design/level_set.py | WEIGHT * ramp * late | WEIGHT * late | design/test_level_set.py optimization/test_mma.py
@@ -60,7 +60,7 @@ mechanism/laws.py | 10.0 + x * (-15.0 | 10.0 - x * (-15.0 | mechanism
 objective/stress.py | 2.0 / self.power * by_square | 1.0 / self.power * by_square | objective/test_stress.py
 objective/stress.py | weights_bar - self.scale | weights_bar + self.scale | objective/test_stress.py
 objective/time_average.py | (limit - ends[:-1]) | (limit - ends[1:]) | objective/test_objective.py
-optimization/descent.py | share / most - 1.0 | share / most | boundary/test_move_boundary.py
+optimization/descent.py | share / bound_share - 1.0 | share / bound_share | boundary/test_move_boundary.py
 optimization/level_set_evolution.py | size=SHRINK * state.size | size=state.size | optimization/test_optimize.py
 optimization/moving_asymptotes.py | -lagrangian * up | lagrangian * up | optimization/test_moving_asymptotes.py
 optimization/moving_asymptotes.py | 0.25 * curvature * reach - 0.5 * np.abs(gradients) | 0.25 * curvature * reach | optimization/test_moving_asymptotes.py optimization/test_mma.py
