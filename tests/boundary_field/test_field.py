@@ -22,6 +22,7 @@ from dolfinx_ffr.boundary_field import (
     first_field,
     mended,
     redistanced,
+    translated,
 )
 from dolfinx_ffr.part import outline_violations
 
@@ -249,3 +250,19 @@ def test_material_that_falls_apart_is_no_part() -> None:
     assert field.part.polygon.bounds[2] < 0.11  # the loose end is left out
     with pytest.raises(ffr.fem.ShapeError, match="falls apart"):
         _ = with_voids(plate(), shapely.box(0.02, -0.04, 0.03, 0.04)).part
+
+
+def test_a_translation_moves_a_hole_as_a_whole() -> None:
+    """It is displaced downhill, here for a function that falls as the hole goes to the right."""
+    space = plate()
+    hole = shapely.Point(0.1, 0.0).buffer(0.008)
+    field = redistanced(with_voids(space, hole))
+    edge = field.edge
+    around = hole.buffer(MEMBER)
+    near = shapely.contains_xy(around, *edge.points.T)
+    # minus the moment of the void about its center: material that grows takes void away
+    slope = edge.rows.T @ (near * edge.lengths * (edge.points[:, 0] - 0.1))
+    after = translated(field, slope)
+    center = around.buffer(MEMBER).difference(after.part.polygon).centroid
+    assert 0.3 * MEMBER < center.x - 0.1 < MEMBER
+    assert abs(center.y) < 0.1 * MEMBER

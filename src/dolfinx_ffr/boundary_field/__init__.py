@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from .displacements import translated as translated
 from .field import BoundaryField as BoundaryField
 from .field import FieldSpace as FieldSpace
 from .fitted import FittedNodes as FittedNodes

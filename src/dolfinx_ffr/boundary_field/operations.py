@@ -19,12 +19,12 @@ from .smoothing import mended, redistanced
 
 def united(field: BoundaryField, shape: shapely.Geometry) -> BoundaryField:
     """The field whose material is that of ``field`` and a ``shape`` [m]."""
-    return _refitted(field, np.maximum(_values(field), _inside(field.space, shape)))
+    return refitted(field, np.maximum(_values(field), _inside(field.space, shape)))
 
 
 def cut(field: BoundaryField, shape: shapely.Geometry) -> BoundaryField:
     """The field whose material is that of ``field`` without a ``shape`` [m]."""
-    return _refitted(field, np.minimum(_values(field), -_inside(field.space, shape)))
+    return refitted(field, np.minimum(_values(field), -_inside(field.space, shape)))
 
 
 def _values(field: BoundaryField) -> Array:
@@ -46,7 +46,8 @@ def _inside(space: FieldSpace, shape: shapely.Geometry) -> Array:
     return values
 
 
-def _refitted(field: BoundaryField, values: Array) -> BoundaryField:
+def refitted(field: BoundaryField, values: Array) -> BoundaryField:
+    """The field nearest to ``values`` (n,) at the raster [m], with minimum sizes."""
     changed = redistanced(field.space.fitted(values))
     for _ in range(3):
         changed = mended(changed, field.space.member)

@@ -50,6 +50,7 @@ class FieldOptions:
 
     # the topology
     topology_every: int = 5  #: Steps from one look at the topology to the next, at first
+    shift: float = 3.0  #: Length over which a translation differs
     opened: float = 0.75  #: Half of it is the radius of discs that thin members do not hold
     small_void: float = 6.0  #: Area of voids that are filled on trial, in squared members
     idle: float = 2e-3  #: Share of psi that a member carries at most to be cut on trial

@@ -82,7 +82,7 @@ class FieldSteps:
         if len(self.history) > self._next_look:
             costs = self._costs(projection, gradients)
             self.trial = with_better_topology(
-                self.problem, before, gradients.evaluation, costs, self._bound_weight
+                self.problem, before, gradients, costs, self._bound_weight
             )
             # what was in vain is not tried again soon
             self._pause = options.topology_every if self.trial is not before else 2 * self._pause

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
+import numpy as np
 import shapely
 
 from ..arrays import Array
@@ -20,11 +22,12 @@ from ..boundary_field import (
     cut,
     most_idle,
     small_voids,
+    translated,
     united,
 )
 from ..problem import Evaluation
 from ..reduction import Struts
-from .field_trial import FieldProblem, FieldTrial
+from .field_trial import FieldGradients, FieldProblem, FieldTrial
 from .trial_failed import TrialFailed, shaping
 
 #: Least share of psi that a body's stiffness carries: else members are no springs that count
@@ -32,33 +35,40 @@ _STIFF = 0.1
 #: Changes of one kind at one time
 _MOST = 8
 
-Operation = Callable[[BoundaryField, shapely.Geometry], BoundaryField]
+Promising = Callable[[BoundaryField, Struts], shapely.Geometry | None]
 
 
 def with_better_topology(
-    problem: FieldProblem, trial: FieldTrial, evaluation: Evaluation, costs: Array, weight: float
+    problem: FieldProblem, trial: FieldTrial, gradients: FieldGradients, costs: Array, weight: float
 ) -> FieldTrial:
-    """The trial with members and holes that lower psi, without what is idle; collective.
+    """The trial with material displaced and members and holes that lower psi, without idle ones.
 
-    Of each kind the most promising change is tried, and the next one if that was better.
+    Of each kind the most promising change is tried, and the next one if that was better;
+    collective.
 
     Args:
         problem: What is lowered.
         trial: Where the steps are.
-        evaluation: Of the trial, with derivatives by the integrals of the bodies.
+        gradients: Of the trial.
         costs: What all constraints cost, sizes first and others last, as shares of psi.
         weight: Of the largest violation of constraints and volumes in the merit.
     """
-    options = problem.options
     if problem.turn < math.inf:  # the largest stress depends on more than the integrals
         return trial
+    noise, evaluation = problem.options.noise, gradients.evaluation
+    ends = np.cumsum([len(field.variables) for field in trial.fields.values()])[:-1]
+    slopes = np.split(gradients.psi, ends)
+    for name, slope in zip(tuple(trial.fields), slopes, strict=True):
+        change = partial(translated, slope=slope)
+        trial = _better(problem, trial, name, change, weight, -noise) or trial
+    if trial.evaluation is not gradients.evaluation:
+        evaluation = trial.problem.differentiate(trial.evaluation, densities=False)
     own = _struts(trial, evaluation, costs)
-    kinds: list[tuple[Callable[[BoundaryField, Struts], shapely.Geometry | None], Operation, float]]
-    kinds = [
-        (best_member, united, -options.noise),
-        (best_hole, cut, -options.noise),
-        (most_idle, cut, options.noise),
-        (lambda field, _: small_voids(field), united, options.noise),
+    kinds: list[tuple[Promising, Callable[..., BoundaryField], float]] = [
+        (best_member, united, -noise),
+        (best_hole, cut, -noise),
+        (most_idle, cut, noise),
+        (lambda field, _: small_voids(field), united, noise),
     ]
     for name in tuple(own):
         for promising, operation, rise in kinds:
@@ -66,7 +76,8 @@ def with_better_topology(
                 shape = promising(trial.fields[name], own[name]) if name in own else None
                 if shape is None:
                     break
-                better = _better(problem, trial, name, operation, shape, weight, rise)
+                change = partial(operation, shape=shape)
+                better = _better(problem, trial, name, change, weight, rise)
                 if better is None:
                     break
                 trial = better
@@ -79,16 +90,15 @@ def _better(
     problem: FieldProblem,
     trial: FieldTrial,
     name: str,
-    operation: Operation,
-    shape: shapely.Geometry,
+    change: Callable[[BoundaryField], BoundaryField],
     weight: float,
     rise: float,
 ) -> FieldTrial | None:
-    """The trial after an operation on a body if its merit rises by less, None otherwise."""
+    """The trial after a change of a body if its merit rises by less, None otherwise."""
     problem.tell(f"psi {trial.evaluation.psi:.5g}")
     try:
         with shaping():
-            changed = operation(trial.fields[name], shape)
+            changed = change(trial.fields[name])
         other = problem.trial({**trial.fields, name: changed})
     except TrialFailed:
         return None
