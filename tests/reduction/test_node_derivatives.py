@@ -16,7 +16,7 @@ from dolfinx import mesh
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.fem import _compat
-from dolfinx_ffr.optimization.descent import _parted
+from dolfinx_ffr.optimization.descent import parted
 from dolfinx_ffr.reduction.point_marker import PointMarker, _shape_functions
 
 # forty steps damp what a thrown rod excites, and its mount tilts; the derivative is that of this
@@ -273,8 +273,8 @@ def test_parts_of_a_largest_stress() -> None:
     alone, whole = MPI.COMM_SELF, ffr.PeakStress("rod", clear=5e-3)
     domain = moved(alone, "triangle", 2, 0.0)
     problem = slider_crank(domain, whole, ALPHA)
-    parted, _ = problem.adapted(problem.value(density(domain)), _parted)
-    parts = tuple(bound.objective for bound in parted.constraints)
+    by_places, _ = problem.adapted(problem.value(density(domain)), parted)
+    parts = tuple(bound.objective for bound in by_places.constraints)
     assert len(parts) > 1
     assert max(errors(slider_crank, alone, "triangle", 2, parts, ALPHA)) < 1e-7
 
