@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Changes of a part's topology: the material of a field united with shapes, or cut by them.
 
-A shape comes with its mirror images. Which shapes are worth a trial follows from what members carry
-and cost, and from the topological derivative of a member that is missing.
+A shape comes with its mirror images. Which shapes are worth a trial follows from what members
+carry, and from the topological derivatives of members that are missing and of holes.
 """
 
 from __future__ import annotations
