@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Changes of the topology of boundaries that are fields, each tried and kept if it is better.
 
-Material is displaced as a whole, missing members are joined to it, holes pierce it, idle members are
-cut, and small voids are filled. The adjoint fields choose what is tried, and a value decides.
+Material is displaced as a whole, missing members are joined to it, holes pierce it, idle members
+are cut, and small voids are filled. The adjoint fields choose what is tried, and a value decides.
 """
 
 from __future__ import annotations
