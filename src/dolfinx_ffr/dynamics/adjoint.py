@@ -66,13 +66,14 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> Bars:
         pulled = trajectory.integrator.pullback(trajectory, bar)
         samples, markers = pulled.samples, pulled.marker_bars
         # without the start, whose transpose adds to these
-        own = {part: getattr(pulled, part).copy() for part in ("y_bar", "v_bar", "marker_bars")}
+        names = ("y_bar", "v_bar", "marker_bars")
+        without_start = {name: getattr(pulled, name).copy() for name in names}
         static = start_pullback(
             model, trajectory.y[0], trajectory.v[0], pulled.y_bar, pulled.v_bar, markers
         )
         if static is not None:
-            rest, first = np.zeros((1, model.size)), np.zeros(1, dtype=np.int64)
-            samples += Samples(first, trajectory.y[:1], rest, rest, static[None])
+            at_rest, instant = np.zeros((1, model.size)), np.zeros(1, dtype=np.int64)
+            samples += Samples(instant, trajectory.y[:1], at_rest, at_rest, static[None])
         bars = {
             name: integral_bars(model.arrays, b, model.bodies[name], samples)
             + metric_bars(model.arrays, b, model.bodies[name], *pulled.corrections)
@@ -85,10 +86,10 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> Bars:
         bars[body] = model.bodies[body].point_mass_pullback(bars[body], marker, point.mass)
     # Loads of point masses alone are no integrals of the body.
     for name, bar_of_body in bars.items():
-        given = model.bodies[name].stiffening.keys()
-        kept = {load: part for load, part in bar_of_body.stiffening.items() if load in given}
-        bars[name] = replace(bar_of_body, stiffening=kept)
-    return Bars(bars, trajectory, pulled._replace(**own))
+        loads = model.bodies[name].stiffening.keys()
+        stiffening = {load: K for load, K in bar_of_body.stiffening.items() if load in loads}
+        bars[name] = replace(bar_of_body, stiffening=stiffening)
+    return Bars(bars, trajectory, pulled._replace(**without_start))
 
 
 def _by_mechanism(trajectory: Trajectory, pulled: TrajectoryPullback) -> MechanismBars:
@@ -100,8 +101,8 @@ def _by_mechanism(trajectory: Trajectory, pulled: TrajectoryPullback) -> Mechani
     for b, (name, integrals) in enumerate(model.bodies.items()):
         fall, alpha[b], beta[b] = field_bars(model.arrays, b, samples)
         gravity += fall
-        own = integral_bars(model.arrays, b, integrals, samples)
-        own += metric_bars(model.arrays, b, integrals, *pulled.corrections)
-        bodies[name] = without_markers(own)
+        bar = integral_bars(model.arrays, b, integrals, samples)
+        bar += metric_bars(model.arrays, b, integrals, *pulled.corrections)
+        bodies[name] = without_markers(bar)
     arrays |= {"gravity": gravity, "alpha": alpha, "beta": beta}
     return MechanismBars(arrays, bodies, pulled.y_bar, pulled.v_bar)

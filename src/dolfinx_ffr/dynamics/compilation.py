@@ -112,8 +112,8 @@ def _load_field(context: Any, builder: Any, table: TableType, pointer: Any, name
     kind = table.field_type(position)
     entries = []
     for entry in range(1 + kind.ndim):
-        where = context.get_constant(types.intp, _ENTRIES * position + entry)
-        load = builder.load(builder.gep(pointer, [where]))
+        place = context.get_constant(types.intp, _ENTRIES * position + entry)
+        load = builder.load(builder.gep(pointer, [place]))
         # Tables do not change while compiled functions run: loads may leave loops.
         load.set_metadata("invariant.load", builder.module.add_metadata([]))
         entries.append(load)
@@ -155,11 +155,11 @@ def table_type(arrays: type) -> TableType:
     for name in arrays._fields:  # type: ignore[attr-defined]
         (dimensions,) = hints[name].__metadata__
         fields.append((name, "float64" in str(hints[name]), int(dimensions)))
-    own = {n: v for n, v in vars(arrays).items() if n[0] != "_"}
-    constants = {n: v for n, v in own.items() if isinstance(v, int)}
+    attributes = {n: v for n, v in vars(arrays).items() if n[0] != "_"}
+    constants = {n: v for n, v in attributes.items() if isinstance(v, int)}
     sources = digest(Path(__file__).parent, arrays.__module__.split(".")[-2])
     table = TableType(arrays.__name__, tuple(fields), constants, sources)
-    _KERNELS[table.name] = {n: v for n, v in own.items() if isinstance(v, Dispatcher)}
+    _KERNELS[table.name] = {n: v for n, v in attributes.items() if isinstance(v, Dispatcher)}
     return table
 
 

@@ -14,6 +14,7 @@ Optimization, 2nd ed., Springer 2006, section 4.3, doi:10.1007/978-0-387-40065-5
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -22,16 +23,22 @@ from ..arrays import Array
 from .kinematics import Kinematics, equations_pullback
 from .model import FlatModel, without
 
-_MAX_ITERATIONS = 300
-#: Longest step, in parts of the mechanism's size and in radians.
-_LONGEST = 0.3
-#: A step of this share of the mechanism's size is the last.
-_LAST = 1e-12
-#: Squared frequencies below this share of the largest stiffness over mass mean that nothing
-#: resists a motion.
-_NEUTRAL = 1e-13
-#: Least shift, in parts of the squared rate at which the forces would set the bodies moving.
-_LEAST = 1e-9
+
+@dataclass(frozen=True)
+class EquilibriumOptions:
+    """How an equilibrium is sought."""
+
+    most_iterations: int = 300
+    longest_step: float = 0.3  #: Longest step, in parts of the mechanism's size and in radians.
+    last_step: float = 1e-12  #: A step of this share of the mechanism's size is the last.
+    #: Squared frequencies below this share of the largest stiffness over mass mean that nothing
+    #: resists a motion.
+    neutral: float = 1e-13
+    #: Least shift, in parts of the squared rate at which the forces would set the bodies moving.
+    least_shift: float = 1e-9
+
+
+OPTIONS = EquilibriumOptions()
 
 
 class NoEquilibriumError(ValueError):
@@ -52,13 +59,13 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> tuple[Array
     residual, C, M, K = _evaluate(kinematics, y, lam)
     lam = _multipliers(C, M, residual[:n])
     step, converged = np.zeros(n), False
-    for _ in range(_MAX_ITERATIONS):
+    for _ in range(OPTIONS.most_iterations):
         residual, C, M, K = _evaluate(kinematics, y, lam)
         frequencies, shapes = _frequencies(C, M, K)
         neutral = _neutral(M, K)
         force = residual[:n] - C.T @ lam
         pull = float(np.max(np.abs(size * force / np.diag(M))[model.rigid])) / length
-        least = max(neutral, _LEAST * pull)
+        least = max(neutral, OPTIONS.least_shift * pull)
         shift = 0.0
         if frequencies.size and frequencies[0] <= neutral:
             shift = max(-1.2 * frequencies[0], least)
@@ -67,11 +74,11 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> tuple[Array
             solution = _solve(K + shift * M, C, M, rhs)
             step = solution[:n]
             longest = float(np.max(np.abs(size * step)[model.rigid])) / length
-            if longest <= _LONGEST or least == 0.0 or not np.isfinite(longest):
+            if longest <= OPTIONS.longest_step or least == 0.0 or not np.isfinite(longest):
                 break
             shift = max(4.0 * shift, least)
         y, lam = arrays.retract(y, y + step), solution[n:]
-        small = _LAST * length * np.sqrt(np.sum(arrays.mass))
+        small = OPTIONS.last_step * length * np.sqrt(np.sum(arrays.mass))
         if abs(float(step @ M @ step)) < small**2:
             converged = shift == 0.0
             break
@@ -87,8 +94,8 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> tuple[Array
         name = _moving_body(model, M, step)
         raise NoEquilibriumError(
             f"no static equilibrium under gravity and the forces at t = 0 found: body {name!r} "
-            f"still moves after {_MAX_ITERATIONS} iterations; hold the mechanism by a joint, a "
-            "drive or a spring, or start with Assembled()"
+            f"still moves after {OPTIONS.most_iterations} iterations; hold the mechanism by a "
+            "joint, a drive or a spring, or start with Assembled()"
         )
     return y, kinematics.turns(1)
 
@@ -117,8 +124,8 @@ def _evaluate(kinematics: Kinematics, y: Array, lam: Array) -> tuple[Array, Arra
 
     Angles are unwrapped from the previous evaluation; the next one overwrites the matrices.
     """
-    rest = np.zeros(y.size)
-    residual, C, M, K = kinematics.evaluated(0, y, rest, rest, lam)
+    zeros = np.zeros(y.size)
+    residual, C, M, K = kinematics.evaluated(0, y, zeros, zeros, lam)
     kinematics.begin(y)
     return residual, C, M, K
 
@@ -171,10 +178,10 @@ def _frequencies(C: Array, M: Array, K: Array) -> tuple[Array, Array]:
 def _neutral(M: Array, K: Array) -> float:
     """Squared frequency below which a motion counts as free of resistance [1/s^2]."""
     scale = 1.0 / np.sqrt(np.diag(M))
-    return _NEUTRAL * float(np.max(np.abs(scale[:, None] * K * scale)))
+    return OPTIONS.neutral * float(np.max(np.abs(scale[:, None] * K * scale)))
 
 
 def _moving_body(model: FlatModel, M: Array, step: Array) -> str:
     """Name of the body that moves the most."""
-    where = [model.coordinates(name).all for name in model.bodies]
-    return list(model.bodies)[int(np.argmax([step[w] @ M[w, w] @ step[w] for w in where]))]
+    columns = [model.coordinates(name).all for name in model.bodies]
+    return list(model.bodies)[int(np.argmax([step[w] @ M[w, w] @ step[w] for w in columns]))]

@@ -49,8 +49,8 @@ def at_rest(model: FlatModel, steps: int, integrator: Integrator) -> Trajectory:
 
 def cut(trajectory: Trajectory, last: int) -> Trajectory:
     """The trajectory up to the instant of a number."""
-    parts = {name: getattr(trajectory, name)[: last + 1].copy() for name in OVER_TIME}
-    return replace(trajectory, **parts, iterations=trajectory.iterations[:last].copy())
+    rows = {name: getattr(trajectory, name)[: last + 1].copy() for name in OVER_TIME}
+    return replace(trajectory, **rows, iterations=trajectory.iterations[:last].copy())
 
 
 def diagnosis(trajectory: Trajectory, k: int, where: str, iterations: int, status: int) -> str:
@@ -96,9 +96,9 @@ def _is_singular(trajectory: Trajectory, k: int) -> bool:
     if not model.rows:
         return False
     state = trajectory.y[k], trajectory.v[k], trajectory.w[k], none
-    found = evaluate_equations(model.arrays, k, *state, trajectory.turns)
+    evaluation = evaluate_equations(model.arrays, k, *state, trajectory.turns)
     # in units of the coordinates in which they have the same inertia
-    scaled = found.jacobian / np.sqrt(np.abs(np.diag(found.mass)))
+    scaled = evaluation.jacobian / np.sqrt(np.abs(np.diag(evaluation.mass)))
     scaled /= np.linalg.norm(scaled, axis=1, keepdims=True)
     values = np.linalg.svd(scaled, compute_uv=False)
     return bool(values[-1] < NEARLY_SINGULAR * values[0])

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..arrays import Array
@@ -18,13 +20,23 @@ from .kinematics import (
 )
 from .model import FlatModel
 
-_MAX_ITERATIONS = 100
-#: Joints that stay open by more than this share of the mechanism's size cannot be assembled.
-_OPEN = 1e-10
-#: Singular values below this share of the largest mean redundant joints.
-_RANK = 1e-9
-#: Singular values below this share of the largest take no part in corrections.
-_RCOND = 1e-10
+
+@dataclass(frozen=True)
+class AssemblyOptions:
+    """How joints are closed at the start."""
+
+    most_iterations: int = 100
+    #: Joints that stay open by more than this share of the mechanism's size cannot be assembled.
+    open_joint: float = 1e-10
+    #: Singular values below this share of the largest mean redundant joints.
+    redundant: float = 1e-9
+    #: Singular values below this share of the largest take no part in corrections.
+    no_correction: float = 1e-10
+    #: Corrections below this share of the mechanism's size are round-off.
+    round_off: float = 1e-15
+
+
+OPTIONS = AssemblyOptions()
 
 
 def started(model: FlatModel) -> tuple[FlatModel, Array, Array]:
@@ -84,15 +96,15 @@ def placement_corrections(model: FlatModel, y: Array) -> dict[str, tuple[float, 
     if not model.rows:
         return {}
     model = model.counting_from_placements()
-    placed, found = _placed(model)[0], {}
+    placed, corrections = _placed(model)[0], {}
     if model.mechanism.start.in_equilibrium or np.any(_elastic_state(model)[0]):
         y = _Closure(model).assembled(placed, refuse=False)
     shift = model.arrays.difference(y[None], placed)[0]
     for body in model.bodies:
-        where = model.coordinates(body)
-        angle = float(np.linalg.norm(shift[where.rotation]))
-        found[body] = float(np.linalg.norm(shift[where.position])), angle
-    return found
+        columns = model.coordinates(body)
+        angle = float(np.linalg.norm(shift[columns.rotation]))
+        corrections[body] = float(np.linalg.norm(shift[columns.position])), angle
+    return corrections
 
 
 def widest_gap(model: FlatModel) -> tuple[str, str]:
@@ -115,9 +127,9 @@ def start_pullback(
     """
     equilibrium, closure = model.mechanism.start.in_equilibrium, _Closure(model)
     elastic, rate = _elastic_state(model)
-    placed, before = _placed(model)
+    placed, placed_velocity = _placed(model)
     if model.rows:
-        y_bar = y_bar + closure.moving_pullback(y, before + rate, v, v_bar)
+        y_bar = y_bar + closure.moving_pullback(y, placed_velocity + rate, v, v_bar)
     if model.rows and not equilibrium:
         undeformed = closure.assembled(placed) if np.any(elastic) else y
         closure.deformed_pullback(undeformed, y, y_bar)
@@ -179,10 +191,10 @@ class _Closure:
         if model.rows == 0:
             return y
         value, jacobian = self.residual(y)
-        for _ in range(_MAX_ITERATIONS):
-            if np.max(np.abs(value)) < 1e-15 * self.length:
+        for _ in range(OPTIONS.most_iterations):
+            if np.max(np.abs(value)) < OPTIONS.round_off * self.length:
                 break
-            step = self.column * np.linalg.lstsq(jacobian, -value, rcond=_RCOND)[0]
+            step = self.column * np.linalg.lstsq(jacobian, -value, rcond=OPTIONS.no_correction)[0]
             share = 1.0
             while True:
                 trial = y.copy()
@@ -202,9 +214,9 @@ class _Closure:
     def refuse_open(self, y: Array, how: str) -> None:
         if self.model.rows:
             value, _ = self.residual(y)
-            limit, units = _OPEN * self.length, ("m", "rad")
-            what = f"assembled {how}".rstrip()
-            _refuse_open(self.model, value / self.row, np.abs(value), limit, units, what)
+            limit, units = OPTIONS.open_joint * self.length, ("m", "rad")
+            action = f"assembled {how}".rstrip()
+            _refuse_open(self.model, value / self.row, np.abs(value), limit, units, action)
 
     def deformed(self, undeformed: Array, elastic: Array) -> Array:
         """Positions that close the joints of the deformed bodies.
@@ -214,13 +226,15 @@ class _Closure:
         arrays, moved = self.model.arrays, undeformed + elastic
         if self.model.rows == 0:
             return moved
-        left, right = self._directions(undeformed)
-        for _ in range(_MAX_ITERATIONS):
+        pulled_rows, pulled_columns = self._directions(undeformed)
+        for _ in range(OPTIONS.most_iterations):
             y = arrays.retract(undeformed, moved)
             value, jacobian = self.residual(y, moved - undeformed)
-            step = np.linalg.lstsq(left.T @ jacobian @ right, -left.T @ value, rcond=None)[0]
-            moved[self.rigid] += self.column * (right @ step)
-            if not np.max(np.abs(step)) > 1e-15 * self.length:
+            step = np.linalg.lstsq(
+                pulled_rows.T @ jacobian @ pulled_columns, -pulled_rows.T @ value, rcond=None
+            )[0]
+            moved[self.rigid] += self.column * (pulled_columns @ step)
+            if not np.max(np.abs(step)) > OPTIONS.round_off * self.length:
                 break
         y = arrays.retract(undeformed, moved)
         self.refuse_open(y, "with the given elastic coordinates")
@@ -228,12 +242,14 @@ class _Closure:
 
     def deformed_pullback(self, undeformed: Array, y: Array, y_bar: Array) -> None:
         """Transpose of :meth:`deformed` with respect to the markers' positions and shapes."""
-        left, right = self._directions(undeformed)
+        pulled_rows, pulled_columns = self._directions(undeformed)
         shift = self.model.arrays.difference(y[None], undeformed)[0]
         _, jacobian = self.residual(y, shift)
         y_bar, _ = self.model.arrays.retract_pullback(shift, y_bar)
-        pulled = right.T @ (self.column * y_bar[self.rigid])
-        m2 = self.row * (left @ np.linalg.solve((left.T @ jacobian @ right).T, pulled))
+        pulled = pulled_columns.T @ (self.column * y_bar[self.rigid])
+        m2 = self.row * (
+            pulled_rows @ np.linalg.solve((pulled_rows.T @ jacobian @ pulled_columns).T, pulled)
+        )
         none, zero = np.zeros(self.model.rows), np.zeros_like(y)
         state, adjoints = (y, zero, none), (zero, m2, none)
         equations_pullback(self._kinematics, state, adjoints, forces=False)
@@ -242,7 +258,7 @@ class _Closure:
         """Left and right singular vectors of the Jacobian with non-zero singular values."""
         _, jacobian = self.residual(y)
         u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
-        rank = int(np.sum(s > _RCOND * s[0]))
+        rank = int(np.sum(s > OPTIONS.no_correction * s[0]))
         return u[:, :rank], vt[:rank].T
 
     def moving(self, y: Array, v: Array) -> Array:
@@ -253,16 +269,16 @@ class _Closure:
         speed = float(np.max(self.row * (np.abs(full) @ np.abs(v) + np.abs(drift))))
         _, rate, _ = self.constraints(y, v)
         for _ in range(2):  # the second step removes what round-off leaves of the first
-            step = np.linalg.lstsq(jacobian, -self.row * rate, rcond=_RCOND)[0]
+            step = np.linalg.lstsq(jacobian, -self.row * rate, rcond=OPTIONS.no_correction)[0]
             v[self.rigid] += self.column * step
             _, rate, _ = self.constraints(y, v)
         speed = max(speed, float(np.max(self.row * (np.abs(full) @ np.abs(v)))))
-        given = np.any(np.delete(v, self.rigid))
-        what = "set in motion with the " + (
-            "given elastic velocities" if given else "elastic coordinates at rest"
+        elastic_moves = np.any(np.delete(v, self.rigid))
+        action = "set in motion with the " + (
+            "given elastic velocities" if elastic_moves else "elastic coordinates at rest"
         )
         size, units = self.row * np.abs(rate), ("m/s", "rad/s")
-        _refuse_open(model, rate, size, _OPEN * speed, units, what)
+        _refuse_open(model, rate, size, OPTIONS.open_joint * speed, units, action)
         return v
 
     def moving_pullback(self, y: Array, before: Array, v: Array, v_bar: Array) -> Array:
@@ -274,7 +290,7 @@ class _Closure:
         """
         _, rate, full = self.constraints(y, before)
         _, jacobian = self.residual(y)
-        inverse = np.linalg.pinv(jacobian, rcond=_RCOND)
+        inverse = np.linalg.pinv(jacobian, rcond=OPTIONS.no_correction)
         mu = self.row * (inverse.T @ (inverse @ (self.row * rate)))
         t = -self.row * (inverse.T @ (self.column * v_bar[self.rigid]))
         x = np.zeros_like(y)
@@ -292,10 +308,10 @@ def _refuse_open(
         return
     unit = units[int(model.angular[worst])]
     involved = _joints_of(model, size)
-    others = f" (joints involved: {involved})" if len(involved) > 1 else ""
+    more_joints = f" (joints involved: {involved})" if len(involved) > 1 else ""
     raise ValueError(
         f"the mechanism cannot be {what}: joint {model.joint_of_row(worst)!r} stays open by "
-        f"{abs(residual[worst]):.3g} {unit}{others}; the joints contradict each other, or the "
+        f"{abs(residual[worst]):.3g} {unit}{more_joints}; the joints contradict each other, or the "
         "placements are too far from a position in which they close"
     )
 
@@ -307,7 +323,7 @@ def _refuse_redundant(model: FlatModel, jacobian: Array) -> None:
     scaled = jacobian / np.sqrt(mass)
     scaled /= np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), np.finfo(float).tiny)
     u, s, _ = np.linalg.svd(scaled, full_matrices=True)
-    rank = int(np.sum(s > _RANK * s[0]))
+    rank = int(np.sum(s > OPTIONS.redundant * s[0]))
     if rank == model.rows:
         return
     involved = _joints_of(model, np.linalg.norm(u[:, rank:], axis=1))
@@ -324,26 +340,26 @@ def _proposal(model: FlatModel, jacobian: Array, rank: int) -> str:
     if not model.arrays.looser:
         return ""
     # Orthogonalised one after the other, so that the last of rows that depend on each other falls.
-    kept, redundant = np.zeros((0, jacobian.shape[1])), []
+    independent, redundant = np.zeros((0, jacobian.shape[1])), []
     for row, direction in enumerate(jacobian):
-        rest = direction - kept.T @ (kept @ direction)
-        rest -= kept.T @ (kept @ rest)
-        if float(np.linalg.norm(rest)) < 1e-6:
+        remainder = direction - independent.T @ (independent @ direction)
+        remainder -= independent.T @ (independent @ remainder)
+        if float(np.linalg.norm(remainder)) < 1e-6:
             redundant.append(row)
         else:
-            kept = np.vstack([kept, rest / np.linalg.norm(rest)])
-    parts: dict[str, list[str]] = {}
+            independent = np.vstack([independent, remainder / np.linalg.norm(remainder)])
+    locked: dict[str, list[str]] = {}
     for row in redundant[: model.rows - rank]:
-        what = "rotation" if model.angular[row] else "position"
-        parts.setdefault(model.joint_of_row(row), []).append(what)
+        kind_of_row = "rotation" if model.angular[row] else "position"
+        locked.setdefault(model.joint_of_row(row), []).append(kind_of_row)
     listed = [
         f"{joint!r} need not hold "
         + " and ".join(
-            f"{fixed.count(what)} {what}{'s' if fixed.count(what) > 1 else ''}"
-            for what in ("position", "rotation")
-            if what in fixed
+            f"{fixed.count(kind_of_row)} {kind_of_row}{'s' if fixed.count(kind_of_row) > 1 else ''}"
+            for kind_of_row in ("position", "rotation")
+            if kind_of_row in fixed
         )
-        for joint, fixed in parts.items()
+        for joint, fixed in locked.items()
     ]
     return f". For instance {'; '.join(listed)}: {model.arrays.looser}"
 
@@ -357,7 +373,7 @@ def _refuse_without_direction(model: FlatModel, y: Array) -> None:
     positions = place_vectors(arrays, 0, y)
     for number in np.flatnonzero(directed):
         gap = float(np.linalg.norm(positions[ends[number, 0]] - positions[ends[number, 1]]))
-        if gap <= _OPEN * length_of(arrays):
+        if gap <= OPTIONS.open_joint * length_of(arrays):
             label = next(name for name, places in model.forces.items() if number in places)
             raise ValueError(
                 f"force {label!r}: the markers coincide at the start, so that the spring has no "

@@ -107,8 +107,8 @@ class _Search:
         # a power of two, so that the halves of a cell have the samples of cells of their own
         count = max(samples // (self.equal.size - 1), SAMPLING.fewest_samples)
         self.count = 2 ** int(math.log2(count))
-        few = np.linspace(0.0, end_time, 1025)
-        self.scale = self._range(self._raw(0.5 * (few[1:] + few[:-1])))
+        times = np.linspace(0.0, end_time, 1025)
+        self.scale = self._range(self._raw(0.5 * (times[1:] + times[:-1])))
 
     def _raw(self, times: Array) -> Array:
         """All loads and prescribed motions side by side, shape (instants, quantities)."""
@@ -196,8 +196,11 @@ class _Search:
         # two samples on either side of where two cells meet, of all at once
         numbers = np.searchsorted(self.equal, inner)
         lengths = np.diff(self.equal)
-        before, after = lengths[numbers - 1], lengths[numbers]
-        steps = np.stack([-1.5 * before, -0.5 * before, 0.5 * after, 1.5 * after], axis=1)
+        length_before, length_after = lengths[numbers - 1], lengths[numbers]
+        steps = np.stack(
+            [-1.5 * length_before, -0.5 * length_before, 0.5 * length_after, 1.5 * length_after],
+            axis=1,
+        )
         times = inner[:, None] + steps / self.count
         samples = self.sampled(times.ravel()).reshape(*times.shape, -1)
         for number, t, values in zip(numbers, times, samples, strict=True):

@@ -138,7 +138,9 @@ class FlatModel(Shown):
     def damped(self) -> bool:
         """Whether a body, a spring or a damper takes energy from vibrations."""
         arrays = self.arrays
-        return any(bool(np.any(part)) for part in (arrays.alpha, arrays.beta, arrays.law[:, 1]))
+        return any(
+            bool(np.any(factors)) for factors in (arrays.alpha, arrays.beta, arrays.law[:, 1])
+        )
 
     def coordinates(self, body: str) -> Coordinates:
         """Places of a body's position, rotation and elastic coordinates among all coordinates."""
@@ -153,8 +155,8 @@ class FlatModel(Shown):
     @cached_property
     def rigid(self) -> Integers:
         """Places of the rigid coordinates of all bodies, shape (rigid,)."""
-        every = np.arange(self.size)
-        return np.concatenate([every[self.coordinates(name).rigid] for name in self.bodies])
+        places = np.arange(self.size)
+        return np.concatenate([places[self.coordinates(name).rigid] for name in self.bodies])
 
     @cached_property
     def rotations(self) -> Mask:
@@ -193,10 +195,10 @@ def check_names(
 ) -> None:
     """Refuse, by a ValueError, names in a mechanism that do not exist, listing those that do."""
     names = list(modes)
-    for what, given in (("placement", mechanism.placements), ("damping", mechanism.damping)):
-        for name in given:
+    for kind, by_name in (("placement", mechanism.placements), ("damping", mechanism.damping)):
+        for name in by_name:
             if name not in modes:
-                raise ValueError(f"{what} for {name!r}, but the bodies are {names}")
+                raise ValueError(f"{kind} for {name!r}, but the bodies are {names}")
     for name, damping in mechanism.damping.items():
         if not modes[name] and damping != RayleighDamping():
             raise ValueError(
@@ -217,47 +219,52 @@ def check_names(
         if isinstance(marker, tuple)
     ]
     uses += [("point mass", point.marker) for point in mechanism.point_masses]
-    for what, (body, marker) in uses:
+    for kind, (body, marker) in uses:
         if body not in modes:
-            raise ValueError(f"{what} refers to body {body!r}, but the bodies are {names}")
+            raise ValueError(f"{kind} refers to body {body!r}, but the bodies are {names}")
         if marker not in markers[body]:
             raise ValueError(
-                f"{what} refers to marker {marker!r} of body {body!r}, whose markers are "
+                f"{kind} refers to marker {marker!r} of body {body!r}, whose markers are "
                 f"{list(markers[body])}"
             )
 
 
 def check_dimension(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> int:
     """2 if bodies and mechanism are all in the plane, 3 if all are in space; or a ValueError."""
-    where = {2: "in the plane", 3: "in space"}
-    first = next(iter(bodies))
-    d = bodies[first].dimension
-    parts: list[tuple[str, int | None]] = [
+    phrase = {2: "in the plane", 3: "in space"}
+    first_body = next(iter(bodies))
+    d = bodies[first_body].dimension
+    dimensions: list[tuple[str, int | None]] = [
         (f"body {name!r}", integrals.dimension) for name, integrals in bodies.items()
     ]
-    parts += [(f"placement of body {n!r}", p.dimension) for n, p in mechanism.placements.items()]
-    for what in ("gravity", "ground_acceleration"):
-        given = getattr(mechanism, what)
-        if not is_zero(*given):
-            parts.append((f"{what} with {len(given)} components", len(given)))
+    dimensions += [
+        (f"placement of body {n!r}", p.dimension) for n, p in mechanism.placements.items()
+    ]
+    for name_of_part in ("gravity", "ground_acceleration"):
+        components = getattr(mechanism, name_of_part)
+        if not is_zero(*components):
+            dimensions.append(
+                (f"{name_of_part} with {len(components)} components", len(components))
+            )
     for thing, label in mechanism.connections:
         user = f"{thing.kind} {label!r}"
         if thing.in_the_plane and thing.dimension != d:
             raise ValueError(
-                f"{user} is in space, but body {first!r} is in the plane; there it is "
+                f"{user} is in space, but body {first_body!r} is in the plane; there it is "
                 f"{thing.in_the_plane}"
             )
-        parts.append((user, thing.dimension))
-        parts += [
+        dimensions.append((user, thing.dimension))
+        dimensions += [
             (f"{user}: marker {marker_name(marker)!r}", marker.dimension)
             for marker in thing.markers
             if not isinstance(marker, tuple)
         ]
-    for what, found in parts:
-        if found is not None and found != d:
+    for name_of_part, dimension in dimensions:
+        if dimension is not None and dimension != d:
             raise ValueError(
-                f"{what} is {where[found]}, but body {first!r} is {where[d]}; all parts of a "
-                "mechanism must be in the plane, or all in space (three components, a rotation)"
+                f"{name_of_part} is {phrase[dimension]}, but body {first_body!r} is {phrase[d]}; "
+                "all parts of a mechanism must be in the plane, or all in space (three components, "
+                "a rotation)"
             )
     return d
 
@@ -316,8 +323,8 @@ def assemble_model(
     else:
         arrays = body_arrays(effective, mechanism.damping)
     own_arrays = lowering.arrays(int(arrays["modes"].max()))
-    known = {} if like is None else like.arrays._asdict()
-    flat = kind(**{**known, **arrays, **over_time, **own_arrays, "reach": np.zeros(1)})
+    of_like = {} if like is None else like.arrays._asdict()
+    flat = kind(**{**of_like, **arrays, **over_time, **own_arrays, "reach": np.zeros(1)})
     flat.reach[0] = largest_length(flat)
     names = lowering.markers, joints, tables, lowering.forces, effective, twins
     return FlatModel(flat, times, offset, mechanism, dict(bodies), *names)

@@ -52,10 +52,10 @@ def forces_on_frame(model: FlatModel, joints: Sequence[str]) -> tuple[Integers, 
     arrays, rows, along = model.arrays, list[int](), list[Array]()
     shape = len(model.times), arrays.d
     for name in joints:
-        every = np.arange(model.rows)[model.joints[name]]
-        for row in every[~model.angular[every]]:
-            one, two, line = arrays.side[row, :3]
-            ends, kind = arrays.vector_body[[one, two]] >= 0, arrays.kind[row]
+        numbers = np.arange(model.rows)[model.joints[name]]
+        for row in numbers[~model.angular[numbers]]:
+            first_end, second_end, line = arrays.side[row, :3]
+            ends, kind = arrays.vector_body[[first_end, second_end]] >= 0, arrays.kind[row]
             if ends[0] == ends[1]:
                 raise ValueError(
                     f"joint force: joint {name!r} is between bodies; of several joints the forces "

@@ -167,9 +167,9 @@ def check_memory(
     required = required_memory(integrator, modes, adjoint=adjoint, space=space)
     limit = available_memory() if available is None else available
     if required > limit:
-        what = "a motion and its adjoint" if adjoint else "a motion"
+        subject = "a motion and its adjoint" if adjoint else "a motion"
         raise MemoryError(
-            f"{what} of {integrator.instants:,} instants would take some "
+            f"{subject} of {integrator.instants:,} instants would take some "
             f"{required / 1e9:,.0f} GB, and there are {limit / 1e9:,.1f} GB on this machine for "
             "each process; take fewer steps, or RadauIIA with a tolerance, which takes as many as "
             "it needs"

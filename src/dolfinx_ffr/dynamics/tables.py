@@ -19,30 +19,30 @@ from .kinematics import Lowering
 BESIDE_JUMP = 1e-15
 
 Numbers = ParamSpec("Numbers")
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 
 def once_for_a_mechanism(
-    function: Callable[Concatenate[TimeTables, Numbers], Found],
-) -> Callable[Concatenate[TimeTables, Numbers], Found]:
-    """Decorator that keeps what a function of tables and numbers finds while the mechanism lives.
+    function: Callable[Concatenate[TimeTables, Numbers], Result],
+) -> Callable[Concatenate[TimeTables, Numbers], Result]:
+    """Decorator that keeps the result of a function of tables and numbers with the mechanism.
 
     A design loop simulates one mechanism with one body after another, whose loads and prescribed
     motions stay what they are.
     """
-    known: dict[Any, tuple[weakref.ref[Mechanism], Found]] = {}
+    results: dict[Any, tuple[weakref.ref[Mechanism], Result]] = {}
 
     @wraps(function)
-    def kept(tables: TimeTables, *args: Numbers.args, **kwargs: Numbers.kwargs) -> Found:
+    def once(tables: TimeTables, *args: Numbers.args, **kwargs: Numbers.kwargs) -> Result:
         key = (id(tables.mechanism), args, *kwargs.items())
-        before = known.get(key)
-        if before is not None and before[0]() is tables.mechanism:
-            return before[1]
-        found = function(tables, *args, **kwargs)
-        known[key] = weakref.ref(tables.mechanism, lambda _: known.pop(key, None)), found
-        return found
+        entry = results.get(key)
+        if entry is not None and entry[0]() is tables.mechanism:
+            return entry[1]
+        result = function(tables, *args, **kwargs)
+        results[key] = weakref.ref(tables.mechanism, lambda _: results.pop(key, None)), result
+        return result
 
-    return kept
+    return once
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +61,10 @@ class TimeTables:
     def _motions(self) -> list[tuple[Motion, str]]:
         """Motions of markers, each once, with the users of these; the ground does not move."""
         moving: dict[int, tuple[Moving, str]] = {}
-        for marker, where in self.lowering.prescribed:
+        for marker, user in self.lowering.prescribed:
             if isinstance(marker, Moving):
-                moving.setdefault(id(marker), (marker, where))
-        return [(motion, where) for marker, where in moving.values() for motion in marker.motions]
+                moving.setdefault(id(marker), (marker, user))
+        return [(motion, user) for marker, user in moving.values() for motion in marker.motions]
 
     @cached_property
     def jumps(self) -> Array:
@@ -76,8 +76,8 @@ class TimeTables:
         for element, _ in self.elements:
             signals += [signal for load in element.loads for signal in load.components]
             signals += [spring.rest for spring in element.springs]
-        known = [t for signal in signals if isinstance(signal, Motion) for t in signal.jumps]
-        jumps = np.unique(np.array([*known, *self.mechanism.jumps], dtype=np.float64))
+        of_motions = [t for signal in signals if isinstance(signal, Motion) for t in signal.jumps]
+        jumps = np.unique(np.array([*of_motions, *self.mechanism.jumps], dtype=np.float64))
         return jumps[jumps > 0.0]
 
     @once_for_a_mechanism
@@ -85,13 +85,13 @@ class TimeTables:
         """Refuse motions whose derivatives differ from differences between two times [s]."""
         motions = list(self._motions)
         motions += [(row.motion, f"joint {label!r}") for row, label in self.rows if row.motion]
-        for motion, where in motions:
+        for motion, user in motions:
             if motion.stated()[1] is not None:  # by known formulas
                 continue
             try:
                 motion.check(start, end)
             except ValueError as error:
-                raise ValueError(f"{where}: {error}") from error
+                raise ValueError(f"{user}: {error}") from error
 
     def beside_jumps(self, instants: Array) -> Array:
         """Times (instants,) [s], of which those of jumps are a little earlier."""

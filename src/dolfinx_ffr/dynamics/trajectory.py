@@ -202,8 +202,8 @@ class Trajectory(Shown):
     def follows_turns(self) -> bool:
         """Whether every body in space turns by less than half a turn from instant to instant."""
         steps = np.diff(self.t)
-        for at in self.model.arrays.turning:
-            speed = np.linalg.norm(self.v[:, at : at + 3], axis=1)
+        for place in self.model.arrays.turning:
+            speed = np.linalg.norm(self.v[:, place : place + 3], axis=1)
             if np.any(np.maximum(speed[1:], speed[:-1]) * steps >= np.pi):
                 return False
         return True
@@ -241,17 +241,17 @@ class Trajectory(Shown):
             )
         path = CubicSpline(self.t, self.y)
         y, v = path(times), path(times, 1)
-        for at in self.model.arrays.turning:
-            turn = slice(at, at + 3)
+        for place in self.model.arrays.turning:
+            turn = slice(place, place + 3)
             y[:, turn], v[:, turn] = turned_between(self.t, self.y[:, turn], times)
 
         def linear(rows: Array) -> Array:
             return make_interp_spline(self.t, rows, k=1)(times) if rows.size else rows
 
-        others: dict[str, Any] = {name: linear(getattr(self, name)) for name in OVER_TIME[3:]}
+        interpolated: dict[str, Any] = {name: linear(getattr(self, name)) for name in OVER_TIME[3:]}
         return replace(
             self,
-            **others,
+            **interpolated,
             t=times,
             y=y,
             v=v,
@@ -282,8 +282,8 @@ class Trajectory(Shown):
 
         In space the position (3,), the rotation vector (3,) and the elastic coordinates (modes,).
         """
-        where, y = self.model.coordinates(body), self.y[step]
-        return y[where.position], y[where.rotation], y[where.elastic]
+        columns, y = self.model.coordinates(body), self.y[step]
+        return y[columns.position], y[columns.rotation], y[columns.elastic]
 
     def marker_path(self, body: str, marker: str) -> Array:
         """Position of a marker of a body over time, shape (steps + 1, 2), in space (..., 3) [m]."""
@@ -323,21 +323,21 @@ class Trajectory(Shown):
 
         It is that of the body's frame and the elastic rotation at the marker.
         """
-        point, where = self._marker(body, marker), self.model.coordinates(body)
+        point, columns = self._marker(body, marker), self.model.coordinates(body)
         if not point.planar:
             raise ValueError(
                 f"marker {marker!r} of body {body!r} is in space, where no angle tells its "
                 "rotation; take the matrices of marker_rotation(body, marker)"
             )
-        return np.asarray(self.y[:, where.rotation] + self.elastic(body) @ point.rotation)
+        return np.asarray(self.y[:, columns.rotation] + self.elastic(body) @ point.rotation)
 
     def marker_angular_velocity(self, body: str, marker: str) -> Array:
         """Angular velocity of a ``marker`` of a ``body``, shape (steps + 1,) [rad/s].
 
         In space it is a vector in the global axes, shape (steps + 1, 3).
         """
-        point, where = self._marker(body, marker), self.model.coordinates(body)
-        local = self.v[:, where.rotation] + self.v[:, where.elastic] @ point.rotation.T
+        point, columns = self._marker(body, marker), self.model.coordinates(body)
+        local = self.v[:, columns.rotation] + self.v[:, columns.elastic] @ point.rotation.T
         if local.ndim == 1:  # about the normal of the plane, which does not turn
             return np.asarray(local)
         return np.asarray(np.einsum("tij,tj->ti", self.rotation(body), local))
@@ -354,7 +354,9 @@ class Trajectory(Shown):
     def _marker_motion(self, body: str, marker: str) -> MarkerMotion:
         """The motion of a marker as if in space."""
         point, columns = self._marker(body, marker), self.model.coordinates(body).all
-        return motion_of_marker(point, *(part[:, columns] for part in (self.y, self.v, self.w)))[2]
+        return motion_of_marker(
+            point, *(states[:, columns] for states in (self.y, self.v, self.w))
+        )[2]
 
     def joint_force(self, name: str) -> Array:
         """Force of the joint of a name on its first marker, shape (steps + 1, rows) [N, N m].
@@ -415,9 +417,9 @@ class Trajectory(Shown):
         names = self.model.mechanism.force_names
         if name not in names:
             raise ValueError(f"no force {name!r}; the forces are {names}")
-        found = applied_forces(self.model.arrays, self.y, self.v, self.turns)
+        forces = applied_forces(self.model.arrays, self.y, self.v, self.turns)
         numbers = self.model.forces[name]
-        return self.model.arrays.force_of(found[:, numbers], numbers)
+        return self.model.arrays.force_of(forces[:, numbers], numbers)
 
     def kinetic_energy(self, body: str) -> Array:
         """Kinetic energy of a body and its point masses over time, shape (steps + 1,) [J]."""
@@ -478,8 +480,8 @@ class TrajectoryBar(Shown):
 
     def __add__(self, other: TrajectoryBar) -> TrajectoryBar:
         """Sum entry by entry."""
-        parts = (getattr(self, f.name) + getattr(other, f.name) for f in fields(self))
-        return TrajectoryBar(*parts)
+        sums = (getattr(self, f.name) + getattr(other, f.name) for f in fields(self))
+        return TrajectoryBar(*sums)
 
 
 class TrajectoryPullback(NamedTuple):

@@ -70,10 +70,10 @@ def add_torque(x: Vector, f: Vector, factor: float, out: Vector) -> None:
 @kernel
 def add_combination(B: Matrix, x: Vector, out: Vector) -> None:
     """Add x . B to out."""
-    first, second, p, q = B[0], B[1], x[0], x[1]
+    row_x, row_y, p, q = B[0], B[1], x[0], x[1]
     # Unsigned bounds let the compiler vectorise, see integration/linear.py.
     for j in range(np.uintp(out.size)):
-        out[j] += first[j] * p + second[j] * q
+        out[j] += row_x[j] * p + row_y[j] * q
 
 
 @kernel
@@ -150,7 +150,7 @@ def body_forces(
 
     They go to r, M and Ky from place o on. The products of the body must be there.
     """
-    first, n = model.first[b], model.fields[b]
+    begin, n = model.first[b], model.fields[b]
     S, G, N, K, t = model.S[b], model.G[b], model.N[b], model.K[b], work.products
     mass, da, db = model.mass[b], model.alpha[b], model.beta[b]
     c, s = work.A[b, 0, 0], work.A[b, 1, 0]
@@ -165,9 +165,9 @@ def body_forces(
         qgv += t[ONE, j] * t[G_RATE, j]
         qgq += t[ONE, j] * t[G_ONE, j]
         qna += t[ONE, j] * t[N_SECOND, j]
-    omega, eps = eq.v[first + ROTATION], eq.w[first + ROTATION]
-    gx = eq.w[first] - model.gravity[instant, 0]
-    gy = eq.w[first + 1] - model.gravity[instant, 1]
+    omega, eps = eq.v[begin + ROTATION], eq.w[begin + ROTATION]
+    gx = eq.w[begin] - model.gravity[instant, 0]
+    gy = eq.w[begin + 1] - model.gravity[instant, 1]
     fx, fy = c * gx + s * gy, c * gy - s * gx  # in the body's axes
     bx = ax - eps * qy - omega * omega * qx - 2.0 * omega * vy
     by = ay + eps * qx - omega * omega * qy + 2.0 * omega * vx
@@ -205,11 +205,11 @@ def body_forces(
     inertia, drag, square = cw + cv * da, cv * db, omega * omega
     for j in range(n):
         add_multiple(K[j, :n], t[ONE, j + 1] + db * t[RATE, j + 1], force)
-        left, right = M[e + j, e : e + n], Ky[e + j, e : e + n]
-        own, side, stiff = G[j + 1, 1 : n + 1], N[j + 1, 1 : n + 1], K[j]
+        mass_row, stiffness_row = M[e + j, e : e + n], Ky[e + j, e : e + n]
+        symmetric, side, stiff = G[j + 1, 1 : n + 1], N[j + 1, 1 : n + 1], K[j]
         for k in range(end):
-            left[k] = inertia * own[k] + drag * stiff[k] - turn * side[k]
-            right[k] = stiff[k] - square * own[k] - eps * side[k]
+            mass_row[k] = inertia * symmetric[k] + drag * stiff[k] - turn * side[k]
+            stiffness_row[k] = stiff[k] - square * symmetric[k] - eps * side[k]
 
 
 @kernel

@@ -33,14 +33,14 @@ def body_arrays(
     """Padded arrays of all bodies, by name of the field of ModelArrays."""
     count, kind = len(bodies), KINDS[next(iter(bodies.values())).dimension]
     d, carried, rigid = kind.d, kind.carries, kind.rigid
-    own = np.array([integrals.modes for integrals in bodies.values()], dtype=np.int64)
+    modes_of_body = np.array([integrals.modes for integrals in bodies.values()], dtype=np.int64)
     stiffened = np.array([bool(b.stiffening) for b in bodies.values()], dtype=np.int64)
-    fields, modes = own + carried * stiffened, int(own.max())
-    kept, n = count if np.any(stiffened) else 0, int(fields.max()) + 1
+    fields, modes = modes_of_body + carried * stiffened, int(modes_of_body.max())
+    with_stiffening, n = count if np.any(stiffened) else 0, int(fields.max()) + 1
     rayleigh = [damping.get(name, RayleighDamping()) for name in bodies]
     out = {
-        "first": np.concatenate([[0], np.cumsum(rigid + own)[:-1]]).astype(np.int64),
-        "modes": own,
+        "first": np.concatenate([[0], np.cumsum(rigid + modes_of_body)[:-1]]).astype(np.int64),
+        "modes": modes_of_body,
         "fields": fields,
         "mass": np.array([integrals.mass for integrals in bodies.values()]),
         "S": np.zeros((count, n, d)),
@@ -49,15 +49,15 @@ def body_arrays(
         "alpha": np.array([float(r.alpha) for r in rayleigh]),
         "beta": np.array([float(r.beta) for r in rayleigh]),
         "stiffened": stiffened,
-        "stiffening": np.zeros((kept, carried, modes, modes)),
-        "carried": np.zeros((kept, carried, modes, modes)),
+        "stiffening": np.zeros((with_stiffening, carried, modes, modes)),
+        "carried": np.zeros((with_stiffening, carried, modes, modes)),
         "inverse": np.zeros((count, modes + rigid, modes + rigid)),
     }
     for b, integrals in enumerate(bodies.values()):
         T = None
         if integrals.stiffening:
             T = out["stiffening"][b] = padded_stiffening(integrals.stacked_stiffening, modes)
-        r, inverse = int(own[b]), out["inverse"][b]
+        r, inverse = int(modes_of_body[b]), out["inverse"][b]
         out["K"][b, :r, :r] = 0.5 * (integrals.K + integrals.K.T)
         inverse[range(d), range(d)] = 1.0 / integrals.mass
         inverse[d:rigid, d:rigid] = _inverse_mass(kind.set_moments(out, b, integrals, T))

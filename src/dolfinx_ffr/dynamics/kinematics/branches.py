@@ -30,8 +30,8 @@ def reversed_row(model: ModelArrays, joints: Iterable[slice], before: Array, aft
     """
     for rows in joints:
         signs = zip(_signs(model, rows, before), _signs(model, rows, after), strict=True)
-        for (row, here), (_, there) in signs:
-            if abs(here) > _CLEAR and here * there < 0.0:
+        for (row, sign_before), (_, sign_after) in signs:
+            if abs(sign_before) > _CLEAR and sign_before * sign_after < 0.0:
                 return row
     return -1
 
@@ -44,13 +44,13 @@ def holds_axes(model: ModelArrays) -> bool:
 def _signs(model: ModelArrays, rows: slice, vectors: Array) -> Iterator[tuple[int, float]]:
     """Rows of a joint that hold an axis, and numbers whose sign says which way round."""
     for i in range(rows.start, rows.stop - 1):
-        (axis, first), (other, second) = model.side[i, :2], model.side[i + 1, :2]
-        if model.kind[i] != DOT or model.kind[i + 1] != DOT or axis != other:
+        (axis, direction), (next_axis, next_direction) = model.side[i, :2], model.side[i + 1, :2]
+        if model.kind[i] != DOT or model.kind[i + 1] != DOT or axis != next_axis:
             continue
-        yield i, float(vectors[axis] @ np.cross(vectors[first], vectors[second]))
+        yield i, float(vectors[axis] @ np.cross(vectors[direction], vectors[next_direction]))
         third = i + 2
         if third < rows.stop and model.kind[third] == DOT:
-            yield third, float(vectors[model.side[third, 0]] @ vectors[second])
+            yield third, float(vectors[model.side[third, 0]] @ vectors[next_direction])
 
 
 def tilts(model: ModelArrays, y: Array) -> Array:
@@ -74,7 +74,7 @@ def tilts(model: ModelArrays, y: Array) -> Array:
             sines = [np.sum(s[0] * s[1], axis=1)]
         else:
             triples = zip(s[::3], s[1::3], s[2::3], strict=True)
-            sines = [np.sum(own * np.cross(a, b), axis=1) for own, a, b in triples]
+            sines = [np.sum(direction * np.cross(a, b), axis=1) for direction, a, b in triples]
         out[i] = np.max(np.abs(sines))
     return out
 
@@ -84,7 +84,7 @@ def _direction(model: ModelArrays, e: int, y: Array, instants: Integers) -> Arra
     b = int(model.vector_body[e])
     if b < 0:
         return np.asarray(model.prescribed[instants, model.vector_slot[e], 0])
-    where, shapes = model.coordinates(b), model.shapes[e]
-    q = y[instants][:, where.elastic]
-    own = shapes[:, 0] + q @ shapes[:, 1 : q.shape[1] + 1].T
-    return np.einsum("tij,tj->ti", model.rotations(y[instants][:, where.rotation]), own)
+    columns, shapes = model.coordinates(b), model.shapes[e]
+    q = y[instants][:, columns.elastic]
+    local = shapes[:, 0] + q @ shapes[:, 1 : q.shape[1] + 1].T
+    return np.einsum("tij,tj->ti", model.rotations(y[instants][:, columns.rotation]), local)

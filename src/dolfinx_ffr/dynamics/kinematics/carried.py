@@ -90,24 +90,24 @@ def contract(
 
     RW, RV, RY are the derivatives of r with respect to accelerations, velocities and coordinates.
     """
-    m, last = C.shape[0], first + n
-    for p in range(last + m):
+    m, end = C.shape[0], first + n
+    for p in range(end + m):
         for i in range(m):
-            by_w, by_v, by_y = RW[p, last + i], RV[p, last + i], RY[p, last + i]
+            by_w, by_v, by_y = RW[p, end + i], RV[p, end + i], RY[p, end + i]
             for j in range(n):
                 along, along_v = slopes[0, i, j], slopes[1, i, j]
                 RY[p, first + j] += by_y * along + by_v * along_v + by_w * slopes[2, i, j]
                 RV[p, first + j] += by_v * along + 2.0 * by_w * along_v
                 RW[p, first + j] += by_w * along
     for i in range(m):
-        force = r[last + i]
+        force = r[end + i]
         for j in range(n):
             along = slopes[0, i, j]
             r[first + j] += along * force
-            for p in range(last):
-                RW[first + j, p] += along * RW[last + i, p]
-                RV[first + j, p] += along * RV[last + i, p]
-                RY[first + j, p] += along * RY[last + i, p]
+            for p in range(end):
+                RW[first + j, p] += along * RW[end + i, p]
+                RV[first + j, p] += along * RV[end + i, p]
+                RY[first + j, p] += along * RY[end + i, p]
             for k in range(n):
                 RY[first + j, first + k] += force * C[i, j, k]
 
@@ -163,9 +163,9 @@ def marked(C: Array | None, *motion: Array) -> list[Array]:
     Of the motion q, v, a and x, shape (instants, r) each, two are given at least. C, of shape
     (m, r, r), is None where nothing is carried.
     """
-    found = [np.column_stack([np.full(len(z), float(i == 0)), z]) for i, z in enumerate(motion)]
+    vectors = [np.column_stack([np.full(len(z), float(i == 0)), z]) for i, z in enumerate(motion)]
     if C is None:
-        return found
+        return vectors
 
     def form(x: Array, y: Array) -> Array:
         return np.stack([np.sum((x @ part) * y, axis=1) for part in C], axis=1)
@@ -174,7 +174,7 @@ def marked(C: Array | None, *motion: Array) -> list[Array]:
     moved = [0.5 * form(q, q), *(form(q, z) for z in motion[1:])]
     if len(motion) > 2:
         moved[2] += form(v, v)
-    return [np.hstack(pair) for pair in zip(found, moved, strict=True)]
+    return [np.hstack(pair) for pair in zip(vectors, moved, strict=True)]
 
 
 def marked_pullback(q: Array, v: Array, a: Array, x: Array, bars: Sequence[Array]) -> Array:
@@ -183,13 +183,18 @@ def marked_pullback(q: Array, v: Array, a: Array, x: Array, bars: Sequence[Array
     bars are the derivatives with respect to the carried parts of the four vectors, (instants, m).
     """
     by_c, by_v, by_a, by_x = bars
-    parts = []
+    by_matrices = []
     for i in range(by_c.shape[1]):
-        at = slice(i, i + 1)
-        part = q.T @ (0.5 * by_c[:, at] * q + by_v[:, at] * v + by_a[:, at] * a + by_x[:, at] * x)
-        part += v.T @ (by_a[:, at] * v)
-        parts.append(0.5 * (part + part.T))
-    return np.array(parts)
+        column = slice(i, i + 1)
+        by_matrix = q.T @ (
+            0.5 * by_c[:, column] * q
+            + by_v[:, column] * v
+            + by_a[:, column] * a
+            + by_x[:, column] * x
+        )
+        by_matrix += v.T @ (by_a[:, column] * v)
+        by_matrices.append(0.5 * (by_matrix + by_matrix.T))
+    return np.array(by_matrices)
 
 
 def padded_stiffening(stiffening: Array, modes: int) -> Array:

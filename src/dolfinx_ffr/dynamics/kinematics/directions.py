@@ -107,10 +107,10 @@ def direction_pullback(model: Arrays, eq: Equations, work: Work, e: int) -> None
         by_angle -= growth * inner(model, s, a) + rate * rate * by_growth
         inward, c, x = rate * rate, math.cos(work.c[e, 0]), math.sin(work.c[e, 0])
         # Derivatives with respect to s, turned back to the components of the direction.
-        one = p[0] + shift * f[1] + rate * d[1] + growth * a[1] - inward * a[0]
-        two = p[1] - shift * f[0] - rate * d[0] - growth * a[0] - inward * a[1]
-        out[e, 0, 0] += c * one + x * two
-        out[e, 1, 0] += c * two - x * one
+        along_x = p[0] + shift * f[1] + rate * d[1] + growth * a[1] - inward * a[0]
+        along_y = p[1] - shift * f[0] - rate * d[0] - growth * a[0] - inward * a[1]
+        out[e, 0, 0] += c * along_x + x * along_y
+        out[e, 1, 0] += c * along_y - x * along_x
     add_angle(model, e, by_angle, work.gather)
     add_angle(model, e, by_rate, eq.v_bar)
     for j in range(n):

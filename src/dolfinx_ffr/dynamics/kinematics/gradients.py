@@ -47,15 +47,15 @@ def integral_bars(
     go on with the carried coordinates c, their derivatives, and q . C x, see carried.py. Markers
     get derivatives of zero.
     """
-    where, d, cross = model.coordinates(body), model.d, model.cross_matrices
+    columns, d, cross = model.coordinates(body), model.d, model.cross_matrices
     y, v, w, x = samples.y, samples.v, samples.w, samples.adjoint
-    q, rate, accel, x_q = (part[:, where.elastic] for part in (y, v, w, x))
+    q, rate, accel, x_q = (states[:, columns.elastic] for states in (y, v, w, x))
     qh, vh, ah, xh = marked(carried_of(model, body), q, rate, accel, x_q)
-    A, damping = model.rotations(y[:, where.rotation]), model.alpha[body]
-    f = _turned_back(A, w[:, where.position] - model.gravity[samples.instants])
-    m = _turned_back(A, x[:, where.position])
-    W, X = cross(v[:, where.rotation]), cross(x[:, where.rotation])
-    B = cross(w[:, where.rotation]) + W @ W
+    A, damping = model.rotations(y[:, columns.rotation]), model.alpha[body]
+    f = _turned_back(A, w[:, columns.position] - model.gravity[samples.instants])
+    m = _turned_back(A, x[:, columns.position])
+    W, X = cross(v[:, columns.rotation]), cross(x[:, columns.rotation])
+    B = cross(w[:, columns.rotation]) + W @ W
     push = _turned_back(B, m) + _turned_back(X, f)
     S = qh.T @ push + vh.T @ (2.0 * _turned_back(W, m)) + ah.T @ m + xh.T @ f
     n = qh.shape[1]
@@ -75,9 +75,11 @@ def integral_bars(
     if not model.stiffened[body]:
         return bar
     # Derivatives with respect to the carried parts of qh, vh, ah and xh.
-    own = model.moments(body, carried=True)[n - model.carries :]
-    fields = own.transpose(1, 0, 2, 3).reshape(n, -1)
-    pq, pv, pa, px = ((z @ fields).reshape(-1, len(own), d, d) for z in (qh, vh, ah, xh))
+    moments_of_carried = model.moments(body, carried=True)[n - model.carries :]
+    fields = moments_of_carried.transpose(1, 0, 2, 3).reshape(n, -1)
+    pq, pv, pa, px = (
+        (z @ fields).reshape(-1, len(moments_of_carried), d, d) for z in (qh, vh, ah, xh)
+    )
     moment = model.S[body, n - model.carries : n].T
 
     def along(matrices: Array, parts: Array) -> Array:
@@ -101,19 +103,19 @@ def field_bars(model: ModelArrays, body: int, samples: Samples) -> tuple[Array, 
 
     Each is minus the sum over time of adjoint . dr, in the terms of :func:`integral_bars`.
     """
-    where, n = model.coordinates(body), int(model.fields[body]) + 1
+    columns, n = model.coordinates(body), int(model.fields[body]) + 1
     y, v, x = samples.y, samples.v, samples.adjoint
-    q, rate, x_q = (part[:, where.elastic] for part in (y, v, x))
-    qh, vh, _, xh = marked(carried_of(model, body), q, rate, samples.w[:, where.elastic], x_q)
-    A, S = model.rotations(y[:, where.rotation]), model.S[body, :n]
-    X = model.cross_matrices(x[:, where.rotation])
+    q, rate, x_q = (states[:, columns.elastic] for states in (y, v, x))
+    qh, vh, _, xh = marked(carried_of(model, body), q, rate, samples.w[:, columns.elastic], x_q)
+    A, S = model.rotations(y[:, columns.rotation]), model.S[body, :n]
+    X = model.cross_matrices(x[:, columns.rotation])
     turned = np.einsum("tkl,tl->tk", X, qh @ S) + xh @ S
-    fall = model.mass[body] * x[:, where.position] + np.einsum("tkl,tl->tk", A, turned)
+    fall = model.mass[body] * x[:, columns.position] + np.einsum("tkl,tl->tk", A, turned)
     gravity = np.zeros_like(model.gravity)
     np.add.at(gravity, samples.instants, fall)
     mass = np.einsum("abkk->ab", model.moments(body, carried=True))
     by_alpha = -float(np.sum((xh @ mass) * vh))
-    K = model.K[body, : where.modes, : where.modes]
+    K = model.K[body, : columns.modes, : columns.modes]
     return gravity, by_alpha, -float(np.sum((x_q @ K) * rate))
 
 
@@ -125,8 +127,8 @@ def vector_bars(model: ModelArrays, marker_bars: Array) -> dict[str, Array]:
     d, modes = model.d, model.shapes.shape[2] - 1
     bent = np.zeros_like(model.vector_stiffening)
     for e in np.flatnonzero(model.vector_stiffened >= 0):
-        own = marker_bars[e, d:, 1:].reshape(d, modes, modes)
-        bent[model.vector_stiffened[e]] += _symmetric(own)
+        stiffening = marker_bars[e, d:, 1:].reshape(d, modes, modes)
+        bent[model.vector_stiffened[e]] += _symmetric(stiffening)
     return {"shapes": marker_bars[:, :d].copy(), "vector_stiffening": bent}
 
 
@@ -146,11 +148,11 @@ def metric_bars(
 
     left and right are vectors over time, shape (instants, n).
     """
-    where, zero = model.coordinates(body), integrals.zeros_like()
-    mass = float(np.sum(left[:, where.position] * right[:, where.position]))
-    elastic = _symmetric(left[:, where.elastic].T @ right[:, where.elastic])
-    P = np.zeros((where.modes + 1, where.modes + 1, model.d, model.d))
-    P[0, 0] = model.inertia_pullback(left[:, where.rotation].T @ right[:, where.rotation])
+    columns, zero = model.coordinates(body), integrals.zeros_like()
+    mass = float(np.sum(left[:, columns.position] * right[:, columns.position]))
+    elastic = _symmetric(left[:, columns.elastic].T @ right[:, columns.elastic])
+    P = np.zeros((columns.modes + 1, columns.modes + 1, model.d, model.d))
+    P[0, 0] = model.inertia_pullback(left[:, columns.rotation].T @ right[:, columns.rotation])
     P[1:, 1:] = np.einsum("ab,kl->abkl", elastic, np.eye(model.d))
     return model.integrals(mass, zero.S, P, zero.K, zero.markers)
 

@@ -181,12 +181,12 @@ def applied_forces(model: ModelArrays, y: Array, v: Array, turns: Array | None =
     tension along its row, then zeros. Coordinates y and velocities v are of shape (instants, n).
     """
     kinematics = Kinematics(model, turns)
-    parts = []
+    forces = []
     for instant, state in enumerate(zip(y, v, strict=True)):
         kinematics.set(*state)
         kinematics.evaluate(instant, CONSTRAINTS | FORCES)
-        parts.append(kinematics.forces())
-    return np.array(parts)
+        forces.append(kinematics.forces())
+    return np.array(forces)
 
 
 def equations_pullback(

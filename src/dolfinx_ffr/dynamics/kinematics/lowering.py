@@ -101,19 +101,19 @@ class Lowering:
         entered: list[tuple[Row, Row | SpringRow, str, str]]
         entered = [(row, row, label, f"joint {label!r}") for row, label in rows]
         entered += [(spring.row, spring, label, f"force {label!r}") for spring, label in springs]
-        others = [row for row, _ in other_rows] + [spring.row for spring, _ in other_springs]
+        twin_rows = [row for row, _ in other_rows] + [spring.row for spring, _ in other_springs]
         self._springs = len(springs)
         counts = [len(entered), len(self._loads)]
-        if counts != [len(others), len(other_loads)]:
+        if counts != [len(twin_rows), len(other_loads)]:
             raise ValueError(
                 "the mechanism has other rows of joints, springs or loads at other values of its "
                 "parameters; they must be the same in number and kind at all values"
             )
-        for (row, source, label, user), other in zip(entered, others, strict=True):
-            own, offset = self._own_row(row, user)
-            self._rows.append(_Entry(own, source, label, offset))
-            beside = own if other is row else self._own_row(other, user)[0]
-            pairs = zip(own.vectors, beside.vectors, strict=True)
+        for (row, source, label, user), twin_row in zip(entered, twin_rows, strict=True):
+            lowered, offset = self._own_row(row, user)
+            self._rows.append(_Entry(lowered, source, label, offset))
+            beside = lowered if twin_row is row else self._own_row(twin_row, user)[0]
+            pairs = zip(lowered.vectors, beside.vectors, strict=True)
             numbers = [self._place(*pair, user) for pair in pairs]
             self._sides.append(numbers + [-1] * (self.sides - len(numbers)))
         for (load, label), (twin, _) in zip(self._loads, other_loads, strict=True):
@@ -129,19 +129,21 @@ class Lowering:
 
     def tabulate(self, instants: Array) -> dict[str, Array]:
         """What is prescribed over time, by name of the field of ModelArrays."""
-        known: dict[int, tuple[Array, Array]] = {}
+        by_marker: dict[int, tuple[Array, Array]] = {}
         prescribed = np.zeros((instants.size, len(self._prescribed), 3, self.d))
         turns = np.zeros((instants.size, len(self._prescribed), 3))
-        for slot, (vector, where) in enumerate(self._prescribed):
+        for slot, (vector, user) in enumerate(self._prescribed):
             marker = vector.marker
             assert isinstance(marker, Ground | Moving)
-            if id(marker) not in known:
-                at = instants[:1] if isinstance(marker, Ground) else instants
-                known[id(marker)] = self._tabulated(marker, at, where)
-            table, turns[:, slot] = known[id(marker)]
+            if id(marker) not in by_marker:
+                times = instants[:1] if isinstance(marker, Ground) else instants
+                by_marker[id(marker)] = self._tabulated(marker, times, user)
+            table, turns[:, slot] = by_marker[id(marker)]
             prescribed[:, slot] = self._prescribed_vector(vector, table)
         drives = [row.tabulate(instants) for row in self._rows]
-        loads = [self._components(load, instants, own)[:, : self.d] for load, own in self._loads]
+        loads = [
+            self._components(load, instants, label)[:, : self.d] for load, label in self._loads
+        ]
         return {
             "prescribed": prescribed,
             "prescribed_turn": turns,
@@ -186,16 +188,16 @@ class Lowering:
 
     def arrays(self, modes: int) -> dict[str, NDArray]:
         """Flat arrays by name of the field of ModelArrays."""
-        every, d = [entry.row for entry in self._rows], self.d
+        rows, d = [entry.row for entry in self._rows], self.d
         springs = [entry.source for entry in self._rows[len(self._rows) - self._springs :]]
         law = [(s.stiffness, s.damping) for s in springs if isinstance(s, SpringRow)]
-        normals = np.array([row.normal for row in every], dtype=np.float64).reshape(-1, 3)
+        normals = np.array([row.normal for row in rows], dtype=np.float64).reshape(-1, 3)
         return {
             **self._vector_arrays(modes),
-            "kind": np.array([row.kind for row in every], dtype=np.int64),
+            "kind": np.array([row.kind for row in rows], dtype=np.int64),
             "side": np.array(self._sides, dtype=np.int64).reshape(-1, self.sides),
             "normal": np.ascontiguousarray(normals[:, :d]),
-            "ratio": np.array([row.ratio for row in every], dtype=np.float64),
+            "ratio": np.array([row.ratio for row in rows], dtype=np.float64),
             "start_angles": self.start_angles,
             "law": np.array(law, dtype=np.float64).reshape(-1, 2),
             "load_vector": np.array(self._targets, dtype=np.int64),
@@ -210,8 +212,8 @@ class Lowering:
 
     def _place(self, vector: BodyVector, twin: BodyVector, user: str) -> int:
         """Number of a vector and its twin, each pair entered once."""
-        for number, known in enumerate(zip(self._vectors, self._twins, strict=True)):
-            if _alike(known[0], vector) and _alike(known[1], twin):
+        for number, pair in enumerate(zip(self._vectors, self._twins, strict=True)):
+            if _alike(pair[0], vector) and _alike(pair[1], twin):
                 return number
         if not isinstance(vector.marker, tuple):
             self._slots[len(self._vectors)] = len(self._prescribed)

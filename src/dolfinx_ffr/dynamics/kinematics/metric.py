@@ -19,11 +19,11 @@ def mass_norm(model: ModelArrays, shift: Array) -> Array:
     """Sizes of shifts (instants, n) of all material points, shape (instants,) [m sqrt(kg)]."""
     total = np.zeros(len(shift))
     for b in range(model.first.size):
-        where, G = model.coordinates(b), elastic_mass(model, b)
+        columns, G = model.coordinates(b), elastic_mass(model, b)
         J = model.inertia(model.moments(b)[0, 0])
-        elastic = shift[:, where.elastic]
-        rotation = shift[:, where.rotation].reshape(len(shift), len(J))
-        total += model.mass[b] * np.sum(shift[:, where.position] ** 2, axis=1)
+        elastic = shift[:, columns.elastic]
+        rotation = shift[:, columns.rotation].reshape(len(shift), len(J))
+        total += model.mass[b] * np.sum(shift[:, columns.position] ** 2, axis=1)
         total += np.sum((rotation @ J) * rotation, axis=1)
         total += np.sum((elastic @ G) * elastic, axis=1)
     return np.sqrt(np.maximum(total, 0.0))
@@ -51,8 +51,8 @@ def largest_length(model: ModelArrays) -> float:
     # the same kinds of rows hold angles, between spins
     kind, of_length = model.kind, of_point[model.side[:, 0]]
     of_length &= (kind == POINT) | (kind == PLANE) | (kind == DISTANCE)
-    ways = model.drive[0, of_length, 0]
-    return float(max(np.abs(lengths).max(initial=0.0) for lengths in (arms, places, ways)))
+    distances = model.drive[0, of_length, 0]
+    return float(max(np.abs(lengths).max(initial=0.0) for lengths in (arms, places, distances)))
 
 
 def norm_floors(model: ModelArrays, duration: float) -> Array:

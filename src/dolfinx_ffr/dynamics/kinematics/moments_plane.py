@@ -34,14 +34,14 @@ def with_carried_fields(mass: float, S: Array, G: Array, N: Array) -> tuple[Arra
     """The integrals S (n, 2), G (n, n) and N (n, n) with the four fields, carried along, behind."""
     n = len(S)
     F, H = S[:, 0] + 1j * S[:, 1], G[0] + 1j * N[0]
-    first, second = F[0], G[0, 0]
-    F = np.concatenate([F, mass * _UNITS, first * _UNITS])
-    H = np.concatenate([H, np.conj(first) * _UNITS, second * _UNITS])
-    both = np.zeros((n + CARRIED, n + CARRIED), dtype=complex)
-    both[:n, :n] = G + 1j * N
-    both[n:] = np.concatenate([np.outer(np.conj(_UNITS), part) for part in (F, H)])
-    both[:n, n:] = np.conj(both[n:, :n]).T
-    return np.stack([F.real, F.imag], axis=1), both.real.copy(), both.imag.copy()
+    center, second = F[0], G[0, 0]
+    F = np.concatenate([F, mass * _UNITS, center * _UNITS])
+    H = np.concatenate([H, np.conj(center) * _UNITS, second * _UNITS])
+    products = np.zeros((n + CARRIED, n + CARRIED), dtype=complex)
+    products[:n, :n] = G + 1j * N
+    products[n:] = np.concatenate([np.outer(np.conj(_UNITS), moments) for moments in (F, H)])
+    products[:n, n:] = np.conj(products[n:, :n]).T
+    return np.stack([F.real, F.imag], axis=1), products.real.copy(), products.imag.copy()
 
 
 def carried_coordinates(G: Array, stiffening: Array) -> Array:
@@ -66,11 +66,11 @@ def carried_bars(model: Arrays, body: int, bar: VolumeIntegrals, carried: Array)
     rows[:, :n] += np.conj(both[:n, n:]).T
     F, H = _UNITS @ rows[:2], _UNITS @ rows[2:]
     F = F + bar.S[:, 0] + 1j * bar.S[:, 1]
-    first = np.sum(np.conj(_UNITS) * F[n + 2 :] + _UNITS * np.conj(H[n : n + 2]))
+    by_center = np.sum(np.conj(_UNITS) * F[n + 2 :] + _UNITS * np.conj(H[n : n + 2]))
     mass = bar.mass + float(np.sum(np.conj(F[n : n + 2]) * _UNITS).real)
     second = float(np.sum(np.conj(H[n + 2 :]) * _UNITS).real)
     S = np.stack([F[:n].real, F[:n].imag], axis=1)
-    S[0] += first.real, first.imag
+    S[0] += by_center.real, by_center.imag
     G, N = G[:n, :n], N[:n, :n].copy()
     G[0] += H[:n].real
     N[0] += H[:n].imag

@@ -28,11 +28,11 @@ _LOADS = np.array([9, 10, 11, 0, 3, 6, 1, 4, 7, 2, 5, 8])
 def with_carried_fields(mass: float, S: Array, P: Array) -> tuple[Array, Array]:
     """The integrals S (n, 3) and P (n, n, 3, 3) with the twelve fields, carried along, behind."""
     n, V = len(S), _moments(mass, S, P)
-    both = np.zeros((n + CARRIED, n + CARRIED, 3, 3))
-    both[:n, :n] = P
-    both[n:] = np.einsum("ki,lbj->lkbij", np.eye(3), V).reshape(CARRIED, n + CARRIED, 3, 3)
-    both[:n, n:] = both[n:, :n].transpose(1, 0, 3, 2)
-    return V[0], both
+    products = np.zeros((n + CARRIED, n + CARRIED, 3, 3))
+    products[:n, :n] = P
+    products[n:] = np.einsum("ki,lbj->lkbij", np.eye(3), V).reshape(CARRIED, n + CARRIED, 3, 3)
+    products[:n, n:] = products[n:, :n].transpose(1, 0, 3, 2)
+    return V[0], products
 
 
 def _gram(mass: float, S: Array, P: Array) -> Array:
@@ -43,8 +43,8 @@ def _gram(mass: float, S: Array, P: Array) -> Array:
 def _moments(mass: float, S: Array, P: Array) -> Array:
     """V of all fields, the carried ones last, shape (4, modes + 13, 3)."""
     carried = np.einsum("lm,ki->lmki", _gram(mass, S, P[0, 0]), np.eye(3)).reshape(4, CARRIED, 3)
-    own = np.concatenate([S[None], P[0].transpose(1, 0, 2)])
-    return np.concatenate([own, carried], axis=1)
+    moments = np.concatenate([S[None], P[0].transpose(1, 0, 2)])
+    return np.concatenate([moments, carried], axis=1)
 
 
 def carried_coordinates(mass: float, S: Array, P: Array, stiffening: Array) -> Array:
@@ -61,9 +61,9 @@ def carried_bars(model: Arrays, body: int, bar: VolumeIntegrals, carried: Array)
     """Derivatives with respect to the integrals, from those with the carried fields and with C."""
     r = int(model.modes[body])
     n, C = r + 1, model.carried[body, :, :r, :r]
-    P, own = bar.P, model.P[body, 0].reshape(3, 3, -1)[:, :, 0]
+    P, inertia = bar.P, model.P[body, 0].reshape(3, 3, -1)[:, :, 0]
     assert P is not None
-    gram = _gram(model.mass[body], model.S[body], own)
+    gram = _gram(model.mass[body], model.S[body], inertia)
     by_gram, moments = carried_matrices_pullback(
         gram, C.reshape(4, 3 * r, r), carried.reshape(4, 3 * r, r)
     )

@@ -38,10 +38,10 @@ class Momenta(NamedTuple):
 
 def momenta_of(model: ModelArrays, body: int, y: Array, v: Array) -> Momenta:
     """Energies and momenta of a body; coordinates y and velocities v of shape (instants, n)."""
-    where, m, P = model.coordinates(body), model.mass[body], model.moments(body, carried=True)
-    qh, vh = marked(carried_of(model, body), y[:, where.elastic], v[:, where.elastic])
-    A, W = model.rotations(y[:, where.rotation]), model.cross_matrices(v[:, where.rotation])
-    R, velocity, S = y[:, where.position], v[:, where.position], model.S[body, : len(P)]
+    columns, m, P = model.coordinates(body), model.mass[body], model.moments(body, carried=True)
+    qh, vh = marked(carried_of(model, body), y[:, columns.elastic], v[:, columns.elastic])
+    A, W = model.rotations(y[:, columns.rotation]), model.cross_matrices(v[:, columns.rotation])
+    R, velocity, S = y[:, columns.position], v[:, columns.position], model.S[body, : len(P)]
     AT = A.transpose(0, 2, 1)
     Zq = np.einsum("ta,tb,abkl->tkl", qh, qh, P, optimize=True)
     Zv = np.einsum("ta,tb,abkl->tkl", vh, qh, P, optimize=True)
@@ -49,11 +49,11 @@ def momenta_of(model: ModelArrays, body: int, y: Array, v: Array) -> Momenta:
     drift = np.einsum("tij,tj->ti", A, np.einsum("tij,tj->ti", W, qh @ S) + vh @ S)
     linear, G = m * velocity + drift, np.einsum("abkk->ab", P)
     # Moments of momenta are the axial vectors of their products with the arms.
-    whole = linear[:, :, None] * R[:, None] + velocity[:, :, None] * arm[:, None]
-    whole += A @ (W @ Zq + Zv) @ AT
+    moment = linear[:, :, None] * R[:, None] + velocity[:, :, None] * arm[:, None]
+    moment += A @ (W @ Zq + Zv) @ AT
     kinetic = 0.5 * m * np.sum(velocity**2, axis=1) + np.sum(velocity * drift, axis=1)
     kinetic += np.sum(W * (0.5 * W @ Zq + Zv), axis=(1, 2)) + 0.5 * np.sum((vh @ G) * vh, axis=1)
-    return Momenta(kinetic, linear, model.axial(whole), m * R + arm)
+    return Momenta(kinetic, linear, model.axial(moment), m * R + arm)
 
 
 class MarkerMotion(NamedTuple):
@@ -86,7 +86,7 @@ def marker_motion(
         v: Velocities over time, shape (instants, n).
         w: Accelerations over time, shape (instants, n).
     """
-    q, dq, ddq = (part[:, where.elastic] for part in (y, v, w))
+    q, dq, ddq = (states[:, where.elastic] for states in (y, v, w))
     omega, alpha = v[:, where.rotation], w[:, where.rotation]
     A, shapes = SpaceArrays.rotations(y[:, where.rotation]), marker.shapes_at(q)
     c = marker.position + marker.shift(q)
@@ -168,11 +168,11 @@ def turned_between(t: Array, vectors: Array, times: Array) -> tuple[Array, Array
     velocities are those in the turned axes.
     """
     spline = RotationSpline(t, Rotation.from_rotvec(vectors))
-    before = vectors[np.clip(np.searchsorted(t, times, "right") - 1, 0, t.size - 1)]
-    found, near = np.asarray(spline(times).as_rotvec()), []
-    for vector, known in zip(found, before, strict=True):
-        near.append(with_turns(vector, known))
-    return np.array(near), np.asarray(spline(times, 1))
+    last_vectors = vectors[np.clip(np.searchsorted(t, times, "right") - 1, 0, t.size - 1)]
+    shortest, unwrapped = np.asarray(spline(times).as_rotvec()), []
+    for vector, last_vector in zip(shortest, last_vectors, strict=True):
+        unwrapped.append(with_turns(vector, last_vector))
+    return np.array(unwrapped), np.asarray(spline(times, 1))
 
 
 class MarkerBars(NamedTuple):
@@ -208,7 +208,7 @@ def marker_motion_pullback(
             (instants, 3) each.
     """
     y, v, w = state
-    q, dq, ddq = (part[:, where.elastic] for part in (y, v, w))
+    q, dq, ddq = (states[:, where.elastic] for states in (y, v, w))
     omega, alpha = v[:, where.rotation], w[:, where.rotation]
     p, d, a = (np.einsum("tij,ti->tj", motion.A, bar) for bar in bars)
     swung, cross = np.cross(a, omega), np.cross

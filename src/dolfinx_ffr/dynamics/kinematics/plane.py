@@ -106,11 +106,11 @@ class PlaneArrays(Arrays):
     def forces(self, work: Work) -> Array:
         rows = constraints(self)
         springs = -work.tension[:, None] * work.g[rows:, :2]
-        found = np.pad(np.concatenate([springs, work.loads]), ((0, 0), (0, 1)))
+        forces = np.pad(np.concatenate([springs, work.loads]), ((0, 0), (0, 1)))
         vectors = np.concatenate([self.side[rows:, 0], self.load_vector])
         spins = self.vector_kind[vectors] == OF_SPIN
-        found[spins] = np.roll(found[spins], 2, axis=1)
-        return found
+        forces[spins] = np.roll(forces[spins], 2, axis=1)
+        return forces
 
     def force_of(self, parts: Array, numbers: Iterable[int]) -> Array:
         return np.asarray(np.sum(parts, axis=1))
@@ -118,17 +118,17 @@ class PlaneArrays(Arrays):
     def softened(
         self, body: int, y: Array, v: Array, w: Array
     ) -> tuple[Iterable[int], float | None]:
-        where, n = self.coordinates(body), int(self.modes[body])
+        columns, n = self.coordinates(body), int(self.modes[body])
         G, K = self.G[body, 1 : n + 1, 1 : n + 1], self.K[body, :n, :n]
-        spin = v[:, where.rotation] ** 2
+        spin = v[:, columns.rotation] ** 2
         if not self.stiffened[body]:
             lowest = float(scipy.linalg.eigh(K, G, eigvals_only=True, subset_by_index=[0, 0])[0])
             return np.flatnonzero((spin > lowest) & (lowest > 0.0)), lowest
-        fall = w[:, where.position] - self.gravity[: len(y)]
-        f = np.einsum("tki,tk->ti", self.rotations(y[:, where.rotation]), fall)
-        loads = np.column_stack([spin, w[:, where.rotation], f, spin])
-        parts = np.concatenate([self.stiffening[body, :, :n, :n], -G[None]])
-        return soft_steps(K, G, loads, parts), None
+        fall = w[:, columns.position] - self.gravity[: len(y)]
+        f = np.einsum("tki,tk->ti", self.rotations(y[:, columns.rotation]), fall)
+        loads = np.column_stack([spin, w[:, columns.rotation], f, spin])
+        matrices = np.concatenate([self.stiffening[body, :, :n, :n], -G[None]])
+        return soft_steps(K, G, loads, matrices), None
 
     def largest_turn(self, body: int, y: Array, v: Array, h: Array) -> float:
         return 0.0  # the axis does not move

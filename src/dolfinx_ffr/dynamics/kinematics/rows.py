@@ -55,11 +55,11 @@ def log_gradient(
     The places are those of the derivatives by x, one and two in g; constant directions, in the
     plane, have none, -1.
     """
-    at, at_one, at_two = places
+    place, at_one, at_two = places
     z = complex(inner(model, x, one), inner(model, x, two))
     k = factor / z
     for j in range(model.d):
-        g[at + j] += k.real * one[j] - k.imag * two[j]
+        g[place + j] += k.real * one[j] - k.imag * two[j]
         if at_one >= 0:
             g[at_one + j] += k.real * x[j]
             g[at_two + j] -= k.imag * x[j]
@@ -78,7 +78,7 @@ def log_hessian(
     out: Vector,
 ) -> None:
     """Add the Hessian of Re(factor log z) times changes u of x, one and two, see log_gradient."""
-    at, at_one, at_two = places
+    place, at_one, at_two = places
     ux, u1, u2 = u
     z = complex(inner(model, x, one), inner(model, x, two))
     zd = complex(
@@ -87,7 +87,7 @@ def log_hessian(
     k = factor / z
     kd = -k * zd / z
     for j in range(model.d):
-        out[at + j] += (kd * complex(one[j], two[j]) + k * complex(u1[j], u2[j])).real
+        out[place + j] += (kd * complex(one[j], two[j]) + k * complex(u1[j], u2[j])).real
         if at_one >= 0:
             by_z = kd * x[j] + k * ux[j]
             out[at_one + j] += by_z.real
@@ -106,7 +106,7 @@ def log_third(
     out: Vector,
 ) -> None:
     """Add the gradient of u . Hessian u at fixed u, Re(factor (z'' / z - z'^2 / z^2))."""
-    at, at_one, at_two = places
+    place, at_one, at_two = places
     ux, u1, u2 = u
     z = complex(inner(model, x, one), inner(model, x, two))
     zd = complex(
@@ -117,7 +117,7 @@ def log_third(
     by_z = factor * (2.0 * zd * zd * inverse - zdd) * inverse * inverse
     by_zd = -2.0 * factor * zd * inverse * inverse
     for j in range(model.d):
-        out[at + j] += (by_z * complex(one[j], two[j]) + by_zd * complex(u1[j], u2[j])).real
+        out[place + j] += (by_z * complex(one[j], two[j]) + by_zd * complex(u1[j], u2[j])).real
         if at_one >= 0:
             by_directions = by_z * x[j] + by_zd * ux[j]
             out[at_one + j] += by_directions.real
@@ -141,9 +141,9 @@ def three_changes(u: Vector, at: int) -> tuple[Vector, Vector, Vector]:
 @kernel
 def angle_gradient(model: Arrays, work: Work, i: int, at: int, factor: float, g: Vector) -> float:
     """Angle of three vectors; factor times its gradient is added to g[3 at:]."""
-    one, two, three = three_vectors(model, work, i, at)
+    vector, direction_x, direction_y = three_vectors(model, work, i, at)
     places = (3 * at, 3 * at + 3, 3 * at + 6)
-    z = log_gradient(model, one, two, three, complex(0.0, -factor), places, g)
+    z = log_gradient(model, vector, direction_x, direction_y, complex(0.0, -factor), places, g)
     return math.atan2(z.imag, z.real)
 
 
@@ -152,9 +152,9 @@ def angle_hessian(
     model: Arrays, work: Work, i: int, at: int, factor: float, u: Vector, out: Vector
 ) -> None:
     """Add factor times the Hessian of an angle times u."""
-    one, two, three = three_vectors(model, work, i, at)
+    vector, direction_x, direction_y = three_vectors(model, work, i, at)
     places, k = (3 * at, 3 * at + 3, 3 * at + 6), complex(0.0, -factor)
-    log_hessian(model, one, two, three, k, places, three_changes(u, at), out)
+    log_hessian(model, vector, direction_x, direction_y, k, places, three_changes(u, at), out)
 
 
 @kernel
@@ -162,9 +162,9 @@ def angle_third(
     model: Arrays, work: Work, i: int, at: int, factor: float, u: Vector, out: Vector
 ) -> None:
     """Add factor times the gradient of u . Hessian u of an angle at fixed u."""
-    one, two, three = three_vectors(model, work, i, at)
+    vector, direction_x, direction_y = three_vectors(model, work, i, at)
     places, k = (3 * at, 3 * at + 3, 3 * at + 6), complex(0.0, -factor)
-    log_third(model, one, two, three, k, places, three_changes(u, at), out)
+    log_third(model, vector, direction_x, direction_y, k, places, three_changes(u, at), out)
 
 
 @kernel
@@ -181,11 +181,11 @@ def mesh_axes(model: Arrays, work: Work, i: int) -> tuple[Vector, Vector, tuple[
     """
     d, line = model.d, 2 * model.d
     if not has_spins(model, i):
-        one, two = work.s[model.side[i, 4]], work.s[model.side[i, 5]]
-        return one, two, (line, 4 * d, 5 * d)
-    one, two = work.vectors[3], work.vectors[4]
-    one[0], one[1], two[0], two[1] = 1.0, 0.0, 0.0, 1.0
-    return one, two, (line, -1, -1)
+        axis_x, axis_y = work.s[model.side[i, 4]], work.s[model.side[i, 5]]
+        return axis_x, axis_y, (line, 4 * d, 5 * d)
+    axis_x, axis_y = work.vectors[3], work.vectors[4]
+    axis_x[0], axis_x[1], axis_y[0], axis_y[1] = 1.0, 0.0, 0.0, 1.0
+    return axis_x, axis_y, (line, -1, -1)
 
 
 @kernel
@@ -215,8 +215,8 @@ def mesh_gradient(
     """Value of a row MESH with other factors than its own; its gradient is added to g."""
     first, second, radial = factors
     d, line = model.d, mesh_line(model, work, i)
-    one, two, places = mesh_axes(model, work, i)
-    z = log_gradient(model, line, one, two, complex(radial, first + second), places, g)
+    axis_x, axis_y, places = mesh_axes(model, work, i)
+    z = log_gradient(model, line, axis_x, axis_y, complex(radial, first + second), places, g)
     for k in range(d):
         g[3 * d + k] -= g[2 * d + k]
     value, psi = radial * math.log(abs(z)), math.atan2(z.imag, z.real)
@@ -228,11 +228,13 @@ def mesh_gradient(
         a, b = work.s[model.side[i, 0], 0], work.s[model.side[i, 1], 0]
         return value + first * (a - psi) + second * (b - psi)
     for wheel in range(2):
-        own, factor = model.side[i, wheel], first if wheel == 0 else second
-        at = (d * wheel, 4 * d, 5 * d)
-        z = log_gradient(model, work.s[own], one, two, complex(0.0, -factor), at, g)
+        number, factor = model.side[i, wheel], first if wheel == 0 else second
+        places_of_wheel = (d * wheel, 4 * d, 5 * d)
+        z = log_gradient(
+            model, work.s[number], axis_x, axis_y, complex(0.0, -factor), places_of_wheel, g
+        )
         angle = math.atan2(z.imag, z.real) - psi
-        directions = (own, model.side[i, 4], model.side[i, 5])
+        directions = (number, model.side[i, 4], model.side[i, 5])
         value += factor * counted(model, work, i, instant, wheel, directions, angle)
     return value
 
@@ -244,16 +246,18 @@ def mesh_hessian(
     """Add the Hessian times u of a row MESH with other factors than its own."""
     first, second, radial = factors
     d, line = model.d, mesh_line(model, work, i)
-    one, two, places = mesh_axes(model, work, i)
+    axis_x, axis_y, places = mesh_axes(model, work, i)
     changes, k = mesh_changes(model, work, i, u), complex(radial, first + second)
-    log_hessian(model, line, one, two, k, places, changes, out)
+    log_hessian(model, line, axis_x, axis_y, k, places, changes, out)
     for j in range(d):
         out[3 * d + j] -= out[2 * d + j]
     if not has_spins(model, i):
         for wheel in range(2):
             x, k = work.s[model.side[i, wheel]], complex(0.0, -(first if wheel == 0 else second))
-            own = (u[d * wheel : d * wheel + d], changes[1], changes[2])
-            log_hessian(model, x, one, two, k, (d * wheel, 4 * d, 5 * d), own, out)
+            changes_of_wheel = (u[d * wheel : d * wheel + d], changes[1], changes[2])
+            log_hessian(
+                model, x, axis_x, axis_y, k, (d * wheel, 4 * d, 5 * d), changes_of_wheel, out
+            )
 
 
 @kernel
@@ -261,16 +265,16 @@ def mesh_third(model: Arrays, work: Work, i: int, u: Vector, out: Vector) -> Non
     """Add the gradient of u . Hessian u of a row MESH at fixed u."""
     d, line = model.d, mesh_line(model, work, i)
     first, second, radial = model.normal[i, 0], model.normal[i, 1], model.ratio[i]
-    one, two, places = mesh_axes(model, work, i)
+    axis_x, axis_y, places = mesh_axes(model, work, i)
     changes, k = mesh_changes(model, work, i, u), complex(radial, first + second)
-    log_third(model, line, one, two, k, places, changes, out)
+    log_third(model, line, axis_x, axis_y, k, places, changes, out)
     for j in range(d):
         out[3 * d + j] -= out[2 * d + j]
     if not has_spins(model, i):
         for wheel in range(2):
             x, k = work.s[model.side[i, wheel]], complex(0.0, -model.normal[i, wheel])
-            own = (u[d * wheel : d * wheel + d], changes[1], changes[2])
-            log_third(model, x, one, two, k, (d * wheel, 4 * d, 5 * d), own, out)
+            changes_of_wheel = (u[d * wheel : d * wheel + d], changes[1], changes[2])
+            log_third(model, x, axis_x, axis_y, k, (d * wheel, 4 * d, 5 * d), changes_of_wheel, out)
 
 
 @kernel
@@ -314,12 +318,14 @@ def nearest(angle: float, to: float) -> float:
 @kernel
 def turn_of(model: Arrays, work: Work, e: int, instant: int, axis: Vector) -> float:
     """Angle by which the marker of a vector has turned about an axis within the step."""
-    b, slot, before = model.vector_body[e], model.vector_slot[e], work.base_instant[0]
+    b, slot, base_instant = model.vector_body[e], model.vector_slot[e], work.base_instant[0]
     if b >= 0:
         return dot(work.turned[b], axis)
     turn = 0.0
     for k in range(3):
-        since = model.prescribed_turn[instant, slot, k] - model.prescribed_turn[before, slot, k]
+        since = (
+            model.prescribed_turn[instant, slot, k] - model.prescribed_turn[base_instant, slot, k]
+        )
         turn += axis[k] * since
     return turn
 
@@ -339,9 +345,11 @@ def counted(
     It is the angle of the first of three directions, numbers of vectors, about the axis that the
     other two are perpendicular to.
     """
-    (own, one, two), axis = directions, work.vectors[0]
-    cross(work.s[one], work.s[two], axis)
-    turn = turn_of(model, work, own, instant, axis) - turn_of(model, work, one, instant, axis)
+    (turning, side_x, side_y), axis = directions, work.vectors[0]
+    cross(work.s[side_x], work.s[side_y], axis)
+    turn = turn_of(model, work, turning, instant, axis) - turn_of(
+        model, work, side_x, instant, axis
+    )
     work.angles[i, which] = nearest(angle, work.base_angles[i, which] + turn)
     return work.angles[i, which]
 
@@ -564,19 +572,24 @@ def add_row_curvature(model: Arrays, eq: Equations, work: Work, i: int, factor: 
             for k in range(model.d):
                 u[model.d * side + k] = factor * work.L[e, k, j]
             row_hessian(model, work, i, u, h)
-            for other in range(model.sides):
-                f = model.side[i, other]
+            for column in range(model.sides):
+                f = model.side[i, column]
                 if f < 0 or model.vector_body[f] < 0:
                     continue
-                p, L, at, none = model.first[model.vector_body[f]], work.L[f], model.d * other, True
+                p, L, begin, none = (
+                    model.first[model.vector_body[f]],
+                    work.L[f],
+                    model.d * column,
+                    True,
+                )
                 for k in range(model.d):
-                    none = none and h[at + k] == 0.0
+                    none = none and h[begin + k] == 0.0
                 if none:
                     continue
                 for q in range(model.rigid + model.modes[model.vector_body[f]]):
                     total = 0.0
                     for k in range(model.d):
-                        total += L[k, q] * h[at + k]
+                        total += L[k, q] * h[begin + k]
                     eq.Ky[p + q, o + j] += total
 
 

@@ -117,10 +117,12 @@ class SpaceArrays(Arrays):
     def retract(self, base: Array, y: Array) -> Array:
         """Coordinates (n,) after a shift y - base, which in space turns bodies about their axes."""
         out = y.copy()
-        for at in self.turning:
-            where = slice(at, at + 3)
-            turn = Rotation.from_rotvec(base[where]) * Rotation.from_rotvec(y[where] - base[where])
-            out[where] = with_turns(turn.as_rotvec(), y[where])
+        for place in self.turning:
+            columns = slice(place, place + 3)
+            turn = Rotation.from_rotvec(base[columns]) * Rotation.from_rotvec(
+                y[columns] - base[columns]
+            )
+            out[columns] = with_turns(turn.as_rotvec(), y[columns])
         return out
 
     def retract_pullback(self, shift: Array, bar: Array) -> tuple[Array, Array]:
@@ -130,19 +132,21 @@ class SpaceArrays(Arrays):
         turns dth, dA = A [dth].
         """
         by_shift, by_y = bar.copy(), bar.copy()
-        for at in self.turning:
-            where = slice(at, at + 3)
-            by_shift[where] = _tangent(shift[where]).T @ bar[where]
-            by_y[where] = Rotation.from_rotvec(shift[where]).apply(bar[where])
+        for place in self.turning:
+            columns = slice(place, place + 3)
+            by_shift[columns] = _tangent(shift[columns]).T @ bar[columns]
+            by_y[columns] = Rotation.from_rotvec(shift[columns]).apply(bar[columns])
         return by_shift, by_y
 
     def difference(self, y: Array, start: Array) -> Array:
         """Shifts that lead from coordinates start to y, shape (instants, n)."""
-        out, first = np.asarray(y - start), np.broadcast_to(start, y.shape).copy()
-        for at in self.turning:
-            where = slice(at, at + 3)
-            turn = Rotation.from_rotvec(first[:, where]).inv() * Rotation.from_rotvec(y[:, where])
-            out[:, where] = turn.as_rotvec()
+        out, reference = np.asarray(y - start), np.broadcast_to(start, y.shape).copy()
+        for place in self.turning:
+            columns = slice(place, place + 3)
+            turn = Rotation.from_rotvec(reference[:, columns]).inv() * Rotation.from_rotvec(
+                y[:, columns]
+            )
+            out[:, columns] = turn.as_rotvec()
         return out
 
     def rotation_bar(self, bars: Mapping[int, Array], modes: int) -> Array:
@@ -176,18 +180,18 @@ class SpaceArrays(Arrays):
         Also the square of the speed beyond which it is, where the speed alone decides. Coordinates
         y, velocities v and accelerations w are of shape (instants, n).
         """
-        where, P, n = self.coordinates(body), self.moments(body), int(self.modes[body])
-        W = self.cross_matrices(v[:, where.rotation])
+        columns, P, n = self.coordinates(body), self.moments(body), int(self.modes[body])
+        W = self.cross_matrices(v[:, columns.rotation])
         B = W @ W
-        loads, parts = B.reshape(len(y), 9), P[1:, 1:].transpose(2, 3, 0, 1).reshape(9, n, n)
+        loads, matrices = B.reshape(len(y), 9), P[1:, 1:].transpose(2, 3, 0, 1).reshape(9, n, n)
         if self.stiffened[body]:
-            full = (self.cross_matrices(w[:, where.rotation]) + B).reshape(len(y), 9)
-            fall = w[:, where.position] - self.gravity[: len(y)]
-            f = np.einsum("tki,tk->ti", self.rotations(y[:, where.rotation]), fall)
+            full = (self.cross_matrices(w[:, columns.rotation]) + B).reshape(len(y), 9)
+            fall = w[:, columns.position] - self.gravity[: len(y)]
+            f = np.einsum("tki,tk->ti", self.rotations(y[:, columns.rotation]), fall)
             loads = np.hstack([loads, full, f])
-            parts = np.concatenate([parts, self.stiffening[body, :, :n, :n]])
+            matrices = np.concatenate([matrices, self.stiffening[body, :, :n, :n]])
         G = np.einsum("abkk->ab", P[1:, 1:])
-        return soft_steps(self.K[body, :n, :n], G, loads, parts), None
+        return soft_steps(self.K[body, :n, :n], G, loads, matrices), None
 
     def largest_turn(self, body: int, y: Array, v: Array, h: Array) -> float:
         """Largest angle by which a body turns in one step about an axis that moves [rad].
@@ -195,14 +199,14 @@ class SpaceArrays(Arrays):
         Coordinates y and velocities v are of shape (instants, n); h (instants,) is the length of
         the step that ends at each instant [s].
         """
-        where = self.coordinates(body)
-        omega = v[:, where.rotation]
+        columns = self.coordinates(body)
+        omega = v[:, columns.rotation]
         speed: Array = np.asarray(np.linalg.norm(omega, axis=1))
         turning = speed > 1e-6 * float(np.max(speed)) + float(np.finfo(np.float64).tiny)
         if not np.any(turning):
             return 0.0
         axes = np.einsum(
-            "tij,tj->ti", self.rotations(y[turning][:, where.rotation]), omega[turning]
+            "tij,tj->ti", self.rotations(y[turning][:, columns.rotation]), omega[turning]
         )
         axes /= speed[turning, None]
         if np.max(np.linalg.norm(np.cross(axes, axes[0]), axis=1)) < _FIXED:
