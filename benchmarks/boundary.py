@@ -67,11 +67,11 @@ def boundary_jobs(*, quick: bool) -> list[Job]:
     common: dict[str, Any] = {"iterations": 36, "steps": None, "boundary": 18}
     common |= {"elements": [200, 20], "cell": "quadrilateral"}
     if quick:
-        common |= {"iterations": 4, "steps": 50, "boundary": 1, "elements": [40, 4]}
+        common |= {"iterations": 8, "steps": 50, "boundary": 1, "elements": [40, 4]}
     kept = STARTS[5:6] if quick else [STARTS[0], STARTS[3], STARTS[5]]
     wanted: list[dict[str, Any]] = [{"start": start} for start in (kept if quick else STARTS)]
     wanted += [] if quick else [{"start": start, **SHORT} for start in STARTS]
-    fewer = {"iterations": 6} if quick else {"elements": [100, 12], "steps": 2000}
+    fewer = {"iterations": 12} if quick else {"elements": [100, 12], "steps": 2000}
     starts = STIFF[: 1 if quick else None]
     wanted += [{"task": "stress limit", "start": start, **fewer} for start in starts]
     wanted += [{"task": task, **fewer} for task in (() if quick else LEAST)]
