@@ -47,7 +47,7 @@ GRACE = 60.0
 
 #: Folders of tests of fields and matrices that the ranks share. With more than two ranks, of what
 #: is made of these (motions, parts, whole loops) those run that say so in their names, no demos.
-SHARED = ("design", "fem", "objective", "paper", "reduction")
+SHARED = ("design", "fem", "reduction")
 RANKS = re.compile(r"_ranks?(_|\b)")
 
 #: Communicator of the agreement, so that it never meets a collective call of the test itself.
