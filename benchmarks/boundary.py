@@ -22,7 +22,7 @@ from report import Study, chosen
 from scene import demo, slider_crank
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.design import CRISP
+from dolfinx_ffr.design import SHARP_PROGRESS
 from dolfinx_ffr.fem import polygon
 from dolfinx_ffr.plotting.style import BLUE, GRAY
 
@@ -167,7 +167,9 @@ def design(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # the same design on the elements, whether all of its boundary moves or only holes
-        own = {"optimizer": ffr.MMA(length=None if outline else math.ceil(iterations / CRISP))}
+        own = {
+            "optimizer": ffr.MMA(length=None if outline else math.ceil(iterations / SHARP_PROGRESS))
+        }
         own |= {"iterations": iterations, "callback": callback, **bound}
         steps_of = {"boundary": boundary if outline else 0}
         result = ffr.optimize(problem, levelset, _start(levelset, start), **steps_of, **own)

@@ -216,10 +216,10 @@ def rod(comm: MPI.Comm, progress: Progress) -> dict[str, Any]:
     return {"case_text": "rod for a frequency, b 1", **row}
 
 
-class Crisp(ffr.DensityDesign):
+class SharpDensities(ffr.DensityDesign):
     """Densities that are sharp from the first iteration."""
 
-    def at(self, progress: float) -> "Crisp":
+    def at(self, progress: float) -> "SharpDensities":
         return self
 
 
@@ -270,7 +270,7 @@ def vibrating_beam(
         )
         result = ffr.optimize(
             problem(1),
-            Crisp(domain, radius=radius),
+            SharpDensities(domain, radius=radius),
             apart.variables["beam"],
             iterations=iterations[1],
             **options,

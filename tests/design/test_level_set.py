@@ -117,7 +117,7 @@ def test_default_knots_are_a_grid_of_the_size_of_the_elements(levelset: ffr.Leve
 def test_density_and_penalty_are_differentiated_exactly(
     comm: MPI.Intracomm, kind: str, shared_tmp_path: Path
 ) -> None:
-    """From open to crisp, and eroded."""
+    """From open to sharp, and eroded."""
     levelset = level_sets(comm, kind, shared_tmp_path)
     domain, u = levelset.domain, wavy(levelset.knots)
     c = domain.centroids
@@ -180,7 +180,7 @@ def test_ranks_hold_the_same_bits_and_the_serial_numbers(
 
 
 @pytest.mark.mpi
-def test_crisp_densities_are_what_the_boundary_encloses(comm: MPI.Intracomm) -> None:
+def test_sharp_densities_are_what_the_boundary_encloses(comm: MPI.Intracomm) -> None:
     """A disc that is cut out of the rod, whose area the elements' densities are short of."""
     domain = rod(comm, elements=(80, 16))
     levelset = ffr.LevelSet(domain)

@@ -114,7 +114,7 @@ def test_a_hundred_random_parts_on_a_finer_mesh_are_above(rod: ffr.Problem) -> N
     assert found.psi < min(values) < 2.0 * found.psi
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_ffr.DesignWarning")  # short runs are not yet crisp
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.DesignWarning")  # short runs are not yet sharp
 def test_designs_are_above(rod: ffr.Problem) -> None:
     """From three starts, as they end, less than twice as high, and as parts without gray cells."""
     domain, least = rod.flexible["rod"].domain, ffr.bound(rod).psi

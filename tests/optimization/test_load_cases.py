@@ -23,7 +23,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*cuts through a cluster of freq
 
 
 def run(problem: ffr.Problem, kind: Any = ffr.DensityDesign, **options: Any) -> ffr.Result:
-    """Run from an even density, which becomes crisp within 40 iterations."""
+    """Run from an even density, which becomes sharp within 40 iterations."""
     design = kind(problem.flexible["rod"].domain)
     return quiet(problem, design, **{"iterations": 8, "optimizer": ffr.MMA(length=40), **options})
 

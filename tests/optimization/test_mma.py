@@ -154,7 +154,7 @@ def test_psi_falls_and_the_bound_holds(comm: MPI.Intracomm, kind: Any) -> None:
     assert history["sharpness"][[0, -1]].tolist() == pytest.approx([1.0, 32.0])
     assert np.all(np.diff(history["sharpness"]) >= 0.0)
     assert np.all(history["step"] <= 0.1 + 1e-12)
-    # the result is the best crisp one, and fits together
+    # the result is the best sharp one, and fits together
     last = result.designs["rod"]
     assert last.sharpness == 32.0
     np.testing.assert_array_equal(result.x, last.density(result.variables["rod"]))

@@ -401,10 +401,10 @@ def test_loose_pieces_are_no_feasible_design(comm: MPI.Intracomm) -> None:
 
     start = levelset.from_distance(island)
     begun = quiet(problem, levelset, start, volume=1.0, iterations=0, optimizer=STEPS)
-    assert begun.feasible  # it is not crisp
-    crisp = replace(begun, designs={"rod": levelset}, variables={"rod": start})
+    assert begun.feasible  # it is not sharp
+    sharp = replace(begun, designs={"rod": levelset}, variables={"rod": start})
     with pytest.warns(ffr.DesignWarning, match="1 loose pieces.*take smaller elements"):
-        result = with_checked_parts(crisp)
+        result = with_checked_parts(sharp)
     assert not result.feasible and result.reason == "infeasible"
     assert 0.001 < result.violations["loose pieces of rod"] < 0.02
 

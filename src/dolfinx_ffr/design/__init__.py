@@ -14,9 +14,9 @@ from .mirrors import Isometry, images
 from .mirrors import Mirror as Mirror
 from .mirrors import mirror_lines as mirror_lines
 from .mirrors import mirror_planes as mirror_planes
-from .parametrization import CRISP as CRISP
 from .parametrization import LEAST as LEAST
 from .parametrization import SHARP as SHARP
+from .parametrization import SHARP_PROGRESS as SHARP_PROGRESS
 from .parametrization import DensityDesign as DensityDesign
 from .parametrization import Design as Design
 from .parametrization import ParameterDesign, check_volume, shrunk

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A level set of normalised radial basis functions, from an open gray to a crisp boundary.
+"""A level set of normalised radial basis functions, from an open gray to a sharp boundary.
 
 One field on knots X_j, which know nothing of the mesh, with coefficients u_j in [0, 1]:
 

@@ -24,9 +24,9 @@ from .rims import HoleRims
 #: shortest kernel, and in proportion to its radius
 SHARP = 32.0
 #: Progress between which the projection becomes steeper, by the same factor each iteration: time
-#: before it to find the topology, and after it to find the best crisp boundary
-CRISP = 0.55
-SHARPENING = (0.05, CRISP)
+#: before it to find the topology, and after it to find the best sharp boundary
+SHARP_PROGRESS = 0.55
+SHARPENING = (0.05, SHARP_PROGRESS)
 #: Minimum member and gap of densities, in mean elements: those of a level set by default
 LEAST = 0.64
 #: Points in each direction of a cell by which its share in a rim is found
@@ -122,7 +122,7 @@ class Design(Variables):
     """From bounded variables to the density of one body, and back."""
 
     domain: Domain  #: Of the body
-    #: Steepness of the step from void to solid; 1 is open, 32 is crisp. One without it is crisp.
+    #: Steepness of the step from void to solid; 1 is open, 32 is sharp. One without it is sharp.
     sharpness: float = SHARP
     #: Width of the rim around each hole of the body's drawing that the design keeps solid [m]
     hole_rim: float = 0.0

@@ -3,7 +3,7 @@
 
 Each iteration makes one explicit step of an `Evolution` and keeps it if psi falls; otherwise the
 next step is half as long. The projection from void to solid becomes sharper in stages: at first
-derivatives reach over an element, and the final design is crisp. In the second half of the stages
+derivatives reach over an element, and the final design is sharp. In the second half of the stages
 an eroded design is analysed (`LevelSet.eroded`); bounds on volumes, psi and densities of the result
 are those of the nominal one.
 """

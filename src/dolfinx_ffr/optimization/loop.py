@@ -55,7 +55,7 @@ COLUMNS = [
     "accepted",  # 1 if the step was kept
     "step",  # size of the step (level set: spacings; MMA: largest change, share of the bounds)
     "multiplier",  # of the volume bound
-    "sharpness",  # steepness of the projection from void to solid: 1 is open, 32 is crisp
+    "sharpness",  # steepness of the projection from void to solid: 1 is open, 32 is sharp
     "merit",  # what is minimised: log psi and the penalty of sizes (explicit steps: psi)
     "modes",  # normal modes of all bodies together
     "mode_error",  # estimated relative error of psi by the modes left out, when last estimated
@@ -83,7 +83,7 @@ FEASIBLE = 1e-8
 #: Factor by which psi changes until time steps that were chosen are looked at again
 CHANGED = 2.0
 #: Steepness from which on the densities of a level set are shares of cut elements
-CRISP = 16.0
+CUT_FROM = 16.0
 #: Share of a body's area between void and solid from which on a design is no part yet
 GRAY = 0.1
 NAN = float("nan")
@@ -518,14 +518,16 @@ class DesignLoop:
         The ``designs`` are as sharp as in the last stage; they, their ``variables`` and the upper
         bounds of the ``volume``, if there are any, are by body. The ``evaluation`` is that of the
         design, the ``reason`` why the loop ended, the ``residual`` that of the first-order
-        conditions. A crisp level set is evaluated once more with the law of cut elements. A
+        conditions. A sharp level set is evaluated once more with the law of cut elements. A
         `DesignWarning` names violated constraints, and bodies of which more than a tenth is gray.
         """
         x = {name: design.point(variables[name]) for name, design in designs.items()}
         dense = {name: design for name, design in designs.items() if isinstance(design, Design)}
-        crisp = [n for n, design in dense.items() if design.fills and design.sharpness >= CRISP]
+        sharp_bodies = [
+            n for n, design in dense.items() if design.fills and design.sharpness >= CUT_FROM
+        ]
         problem, final = self.problem, evaluation
-        cut = {name: problem.flexible[name].with_cut_elements() for name in crisp}
+        cut = {name: problem.flexible[name].with_cut_elements() for name in sharp_bodies}
         if any(body is not problem.flexible[name] for name, body in cut.items()):
             problem = problem.with_bodies(cut)
             final = problem.value(of_problem(x))
@@ -555,8 +557,8 @@ class DesignLoop:
                 "more volume or more iterations"
             )
         densities = {name: x[name] for name in dense}
-        # gray cells of a crisp level set are cut by its boundary
-        unsure = set() if reason == "interrupted" else dense.keys() - crisp
+        # gray cells of a sharp level set are cut by its boundary
+        unsure = set() if reason == "interrupted" else dense.keys() - sharp_bodies
         for name in (name for name in dense if name in unsure):
             design = dense[name]
             gray = gray_fraction(design.domain, densities[name], design.web)

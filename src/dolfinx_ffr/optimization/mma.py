@@ -4,7 +4,7 @@
     min over z of log psi(z) + penalty(z)   such that   g_k(z) <= 0,   lower <= z <= upper,
 
 where the g_k are the volume bound of each body and the constraints of the problem, and the penalty
-is that of the design. One value and one gradient an iteration; the design becomes crisp by and by.
+is that of the design. One value and one gradient an iteration; the design becomes sharp by and by.
 
 Near the end an eroded level set is analysed: psi and the slopes of the problem's constraints are
 those of the eroded design, the values of all constraints those of the nominal one
@@ -57,8 +57,8 @@ from .sizing import Sizing
 
 #: Iterations over which a merit that changes by less than the tolerance stands still
 WINDOW = 8
-#: Progress from which on designs are crisp, and may be the result
-CRISP = 0.85
+#: Progress from which on designs are sharp, and may be the result
+RESULT_PROGRESS = 0.85
 #: Rise of psi, relative, for which a step is taken back: more than sharpening alone brings
 APART = 0.25
 #: Rise of the largest violation for which it is: less is mended by the steps that follow
@@ -98,9 +98,9 @@ class MMA(Optimizer):
         tolerance: The run has converged when, with a design that becomes no sharper, log psi and
             the penalty can fall by less than this by a step of length ``move``, to first order
             and within the constraints. Zero makes use of all iterations.
-        length: Iterations over which the design becomes crisp and its sizes settle; by default
+        length: Iterations over which the design becomes sharp and its sizes settle; by default
             those of the run that begins, or, where steps of the boundary follow, so many that it is
-            crisp at their end, which is at 0.55 of the length. A number makes the path of a design
+            sharp at their end, which is at 0.55 of the length. A number makes the path of a design
             independent of the number of iterations; a run that is resumed keeps the length it began
             with.
     """
@@ -116,7 +116,7 @@ class MMA(Optimizer):
             validation.integer("MMA: length", self.length, least=1)
 
     def run(self, loop: DesignLoop, designs: Designs, start: Arrays, volume: Bounds) -> Result:
-        """The best crisp ``designs`` from ``start`` below ``volume`` in a ``loop``."""
+        """The best sharp ``designs`` from ``start`` below ``volume`` in a ``loop``."""
         steps = MMASteps(self, loop, designs, volume)
         with loop.running():
             data = loop.earlier(steps.identity())
@@ -126,7 +126,7 @@ class MMA(Optimizer):
             else:
                 steps.load(data)
             reason = loop.follow(steps)
-            # the best feasible crisp design, or else the last one
+            # the best feasible sharp design, or else the last one
             point = steps.point
             chosen = point.asymptotes.x if point.best is None else point.best
             evaluation = steps.evaluation(point, steps.now.evaluation, chosen)
@@ -147,7 +147,7 @@ class _Point:
     rejected: int = 0  #: Steps taken back in a row
     held: bool = False  #: The last one for a constraint, which sharpening may have broken
     merit: float = math.inf  #: log psi and penalty of the design that is kept
-    best: Array | None = None  #: The best feasible crisp design, shape (n,)
+    best: Array | None = None  #: The best feasible sharp design, shape (n,)
     best_merit: float = math.inf
     #: How far the merit could still fall to first order when this was last computed
     residual: float = math.nan
@@ -317,8 +317,8 @@ class MMASteps(Iterator[Iterate]):
         return not self.changes(progress, 1.0) and not self.eroded(progress)
 
     def may_be_result(self, progress: float) -> bool:
-        """Whether designs are as crisp as a result, or will never be crisper."""
-        return progress >= CRISP or not self.changes(0.0, 1.0)
+        """Whether designs are as sharp as a result, or will never be sharper."""
+        return progress >= RESULT_PROGRESS or not self.changes(0.0, 1.0)
 
     def with_best(self, point: _Point) -> _Point:
         """The point, with its design as the best one if it is feasible and better."""
@@ -510,8 +510,8 @@ class MMASteps(Iterator[Iterate]):
             return False
         rows = [row for row in self.loop.rows if row["accepted"]][-1 - WINDOW :]
         merits = [row["merit"] for row in rows]
-        crisp = point.iteration - math.ceil(CRISP * self.loop.stage_iterations)
-        if len(rows) <= WINDOW or (self.changes(0.0, 1.0) and crisp <= WINDOW + 1):
+        sharp_iterations = point.iteration - math.ceil(RESULT_PROGRESS * self.loop.stage_iterations)
+        if len(rows) <= WINDOW or (self.changes(0.0, 1.0) and sharp_iterations <= WINDOW + 1):
             return False
         return max(merits) - min(merits) < self.options.tolerance
 

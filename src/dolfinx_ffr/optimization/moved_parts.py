@@ -161,7 +161,7 @@ def with_checked_parts(
     Designs that have not become as sharp as they may are gray, which is said elsewhere; they are
     looked at where their boundaries could not be moved (``unmoved``). There the parts are verified
     if the problem has constraints, as densities tell little of the stress of parts. Loose pieces
-    are not in the part, and psi counts them: a level set that is crisp may have them where elements
+    are not in the part, and psi counts them: a level set that is sharp may have them where elements
     are wider than the gaps beside them. Minimum sizes that were asked for are measured, and struts
     that end free are looked for. Of bodies with holes in their drawing, what lies outside of the
     body is a violation, and a rim of a hole that is thinner than asked for.

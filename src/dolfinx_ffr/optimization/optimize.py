@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..arrays import Array
-from ..design import CRISP, Design, ParameterDesign, Variables
+from ..design import SHARP_PROGRESS, Design, ParameterDesign, Variables
 from ..fem import PLATE, Domain
 from ..mechanism import Parameters
 from ..objective import PeakStress
@@ -79,7 +79,7 @@ def optimize(
             number for each, or a mapping by name.
         gradient: How derivatives are found; by default `ExactAdjoint`.
         iterations: Steps at most, those before ``resume`` among them. A run that begins becomes
-            crisp over them, and keeps to that when it is resumed with others.
+            sharp over them, and keeps to that when it is resumed with others.
         output: Folder for ``history.csv`` and ``checkpoint``; None writes nothing. While the loop
             runs, another program that is to write there is refused.
         resume: Go on from the checkpoint in ``output``. A `DesignWarning` says if there is none, or
@@ -96,7 +96,7 @@ def optimize(
             the result are theirs. By default half as many as the iterations, and 25 at most, for
             bodies in the plane and exact gradients, and none in space; 0 leaves the boundaries to
             the mesh. Up to twelve more follow where finer meshes exceed a bound. Where such steps
-            follow, the iterations end as soon as the design is crisp; without them, nearly as many
+            follow, the iterations end as soon as the design is sharp; without them, nearly as many
             again settle its sizes.
         options: None; the error says which name is meant, or that it belongs to the optimizer.
 
@@ -154,10 +154,10 @@ def optimize(
             problem.check_influence()
         chosen = optimizer or MMA()
         if run.steps and isinstance(chosen, MMA) and chosen.length is None:
-            # a crisp design is where the boundary begins: it finds sizes better than elements do
-            chosen = replace(chosen, length=max(math.ceil(iterations / CRISP), 1))
+            # a sharp design is where the boundary begins: it finds sizes better than elements do
+            chosen = replace(chosen, length=max(math.ceil(iterations / SHARP_PROGRESS), 1))
         if not run.domains and isinstance(chosen, MMA) and chosen.length is None:
-            chosen = replace(chosen, length=1)  # nothing becomes crisp
+            chosen = replace(chosen, length=1)  # nothing becomes sharp
         with alone_in(comm, run.folder, "optimize: output"):
             result = chosen.run(loop, run.designs, run.begin, run.filled)
             if run.sizing is not None:

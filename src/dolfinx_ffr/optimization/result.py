@@ -145,7 +145,7 @@ class Result(Shown):
             (without a design that fulfils all constraints, and of which a part comes).
         designs: By body, as sharp as at the end: its `Design.density` of the variables is the
             density.
-        problem: The problem that evaluates the design: for a crisp level set with the law of cut
+        problem: The problem that evaluates the design: for a sharp level set with the law of cut
             elements.
         violations: Violations relative to the bounds, by name of the constraint ("volume of rod"
             for a volume); those of the parts, where boundaries were moved, and else the share of
