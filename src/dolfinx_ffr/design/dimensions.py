@@ -79,10 +79,10 @@ class NodesOnGeometry:
             shares = np.zeros((len(nodes), dim))
             if dim:
                 low, width = _range(model, dim, tag)
-                found = model.getParametrization(dim, tag, points[nodes].ravel())
-                shares = (np.reshape(found, (-1, dim)) - low) / width
-            there = _at(model, dim, tag, shares)
-            on = np.linalg.norm(there - points[nodes], axis=1) < self._near
+                parameters = model.getParametrization(dim, tag, points[nodes].ravel())
+                shares = (np.reshape(parameters, (-1, dim)) - low) / width
+            positions = _at(model, dim, tag, shares)
+            on = np.linalg.norm(positions - points[nodes], axis=1) < self._near
             left[nodes[on]] = False
             self._places.append((dim, tag, nodes[on], shares[on]))
 
@@ -93,8 +93,8 @@ class NodesOnGeometry:
 
     def positions(self, model: Any) -> Array:
         """Where they are in a model that is alike, shape (those nodes, dimension) [m]."""
-        parts = [_at(model, dim, tag, shares) for dim, tag, _, shares in self._places]
-        return np.concatenate(parts)[:, : self.dimension]
+        positions = [_at(model, dim, tag, shares) for dim, tag, _, shares in self._places]
+        return np.concatenate(positions)[:, : self.dimension]
 
     def on_faces(self, model: Any) -> tuple[Integers, Array]:
         """Numbers of the nodes on faces of a body in space, and unit normals there (nodes, 3)."""
@@ -111,7 +111,7 @@ class NodesOnGeometry:
 
 def _range(model: Any, dim: int, tag: int) -> tuple[Array, Array]:
     """Lowest parameters, and the extent of their range, shape (dim,) each."""
-    low, high = (np.asarray(part) for part in model.getParametrizationBounds(dim, tag))
+    low, high = (np.asarray(bound) for bound in model.getParametrizationBounds(dim, tag))
     return low, high - low
 
 
@@ -159,13 +159,14 @@ def extended(
 
 def _fill(x: Array, simplices: Integers, rates: Array, known: Mask) -> None:
     """Solve Laplace's equation for the vertices of simplices that are not known yet."""
-    there = np.unique(simplices)
-    free, held = there[~known[there]], there[known[there]]
+    vertices = np.unique(simplices)
+    free, known_vertices = vertices[~known[vertices]], vertices[known[vertices]]
     if len(free):
         matrix: csr_matrix = laplace(x, simplices)
-        given = matrix[free][:, held] @ rates[held].reshape(len(held), -1)
-        found = splu(matrix[free][:, free].tocsc()).solve(-given)
-        rates[free] = found.reshape(len(free), *rates.shape[1:])
+        known_rates = rates[known_vertices].reshape(len(known_vertices), -1)
+        load = matrix[free][:, known_vertices] @ known_rates
+        solution = splu(matrix[free][:, free].tocsc()).solve(-load)
+        rates[free] = solution.reshape(len(free), *rates.shape[1:])
         known[free] = True
 
 
@@ -189,9 +190,9 @@ class DimensionMotion:
 
     def pullback(self, nodes: Array, centers: Array) -> Array:
         """From derivatives by nodes and centers to that by the dimensions, (k,), on every rank."""
-        own = np.einsum("nd,ndk->k", nodes, self.nodes)
-        through = np.einsum("id,idk->k", centers, self.centers)
-        return np.asarray(sum(self.comm.allgather(own)) + through)
+        through_nodes = np.einsum("nd,ndk->k", nodes, self.nodes)
+        through_centers = np.einsum("id,idk->k", centers, self.centers)
+        return np.asarray(sum(self.comm.allgather(through_nodes)) + through_centers)
 
 
 class DimensionDesign(Variables):
@@ -271,12 +272,12 @@ class DimensionDesign(Variables):
         Those that are not named have the values of ``others``, by default of the start. A
         ValueError if a name is not known, or a value is not within its bounds.
         """
-        found = np.array(self._start if others is None else others)
+        variables = np.array(self._start if others is None else others)
         for name, value in values.items():
             i = self.names.index(validation.choice("dimensions: name", name, self.names))
             low, high = np.asarray(self.lower)[i], np.asarray(self.upper)[i]
-            found[i] = validation.number(f"dimensions: {name!r}", value, least=low, most=high)
-        return found
+            variables[i] = validation.number(f"dimensions: {name!r}", value, least=low, most=high)
+        return variables
 
     def even(self, value: float | None = None) -> Array:
         """The variables of the start, shape (size,); or all at a share ``value`` of their range."""
@@ -305,9 +306,9 @@ class DimensionDesign(Variables):
         with self._explained(x):
             if self._drawn:
                 with on_every_rank(comm, "the outline of dimensions"):
-                    given = self._given(x)
+                    outline = self._given(x)
                 on_rank_0(comm, lambda: self._check(x))
-                return Domain.from_outline(comm, **given, size=self._length, order=self._order)
+                return Domain.from_outline(comm, **outline, size=self._length, order=self._order)
             with ExitStack() as stack:
                 model = None
                 with on_every_rank(comm, "a geometry of dimensions"):
@@ -325,19 +326,22 @@ class DimensionDesign(Variables):
         that moves.
         """
         comm = domain.comm
-        x, cells, (numbers, own) = gathered_nodes(domain)
+        x, cells, (numbers, owned) = gathered_nodes(domain)
         at_rest = np.concatenate(comm.allgather(numbers[[] if still is None else still]))
         with self._explained(variables):
-            here = on_rank_0(comm, lambda: self._rates(x, cells, variables, at_rest))[numbers]
+            node_rates = on_rank_0(comm, lambda: self._rates(x, cells, variables, at_rest))[numbers]
             with on_every_rank(comm, "the centers of dimensions"):
                 centers = self._center_rates(variables)
-        found = []
-        for name, part in domain.interfaces.items():
-            given = centers.get(name)
-            found.append(part.center_rates(domain.mesh, here) if given is None else given)
-        moved = DimensionMotion(comm, here * own[:, None, None], np.array(found))
-        here = np.max(np.abs(here), axis=(0, 1), initial=0.0)
-        largest = np.max([*comm.allgather(here), *np.max(np.abs(found), axis=1)], axis=0)
+        center_rates = []
+        for name, interface in domain.interfaces.items():
+            rates = centers.get(name)
+            if rates is None:
+                rates = interface.center_rates(domain.mesh, node_rates)
+            center_rates.append(rates)
+        moved = DimensionMotion(comm, node_rates * owned[:, None, None], np.array(center_rates))
+        fastest_nodes = comm.allgather(np.max(np.abs(node_rates), axis=(0, 1), initial=0.0))
+        fastest_centers = np.max(np.abs(center_rates), axis=1)
+        largest = np.max([*fastest_nodes, *fastest_centers], axis=0)
         if idle := [n for n, way in zip(self.names, largest, strict=True) if way == 0.0]:
             warnings.warn(f"dimensions: {idle} move nothing of the body", stacklevel=2)
         return moved
@@ -354,23 +358,23 @@ class DimensionDesign(Variables):
 
     def _given(self, variables: Array) -> dict[str, Any]:
         """What the user's function returns for an outline."""
-        given = self._shape(self.named(variables))
+        drawn = self._shape(self.named(variables))
         needed = "a mapping with 'outline' and 'interfaces'"
-        validation.instance("dimensions: shape(...)", given, Mapping, needed)
-        for name in given:
+        validation.instance("dimensions: shape(...)", drawn, Mapping, needed)
+        for name in drawn:
             validation.choice("dimensions: shape(...)", name, ("outline", "interfaces", "centers"))
-        if not {"outline", "interfaces"} <= set(given):
-            raise ValueError(f"dimensions: shape(...) returns {sorted(given)}; return {needed}")
-        return dict(given)
+        if not {"outline", "interfaces"} <= set(drawn):
+            raise ValueError(f"dimensions: shape(...) returns {sorted(drawn)}; return {needed}")
+        return dict(drawn)
 
     def drawing(self, variables: Array) -> Drawing | None:
         """The outline at ``variables`` (size,) with its interfaces; None of a model of gmsh."""
         if not self._drawn:
             return None
-        given = self._given(variables)
-        drawn = closed_outline("outline", read_outline(given["outline"], None))
+        shape = self._given(variables)
+        drawn = closed_outline("outline", read_outline(shape["outline"], None))
         groups = [""] * len(drawn.curves)
-        for name, where in given["interfaces"].items():
+        for name, where in shape["interfaces"].items():
             for i, curve in enumerate(drawn.curves):
                 points = np.pad(curve.at(np.linspace(0.0, 1.0, 9)), ((0, 0), (0, 1)))
                 groups[i] = name if np.all(where(points.T)) else groups[i]
@@ -397,11 +401,12 @@ class DimensionDesign(Variables):
             with gmsh_model("dimensions need") as other:
                 self._topology = self._built(other, self._start)
         with ExitStack() as stack:
-            found = self._built(gmsh or stack.enter_context(gmsh_model()), variables)
-        if found != self._topology:
-            here, there = (f"{n[1]} curves and {n[2]} faces" for n, _ in (found, self._topology))
+            topology = self._built(gmsh or stack.enter_context(gmsh_model()), variables)
+        if topology != self._topology:
+            counts = topology[0], self._topology[0]
+            now, at_start = (f"{n[1]} curves and {n[2]} faces" for n in counts)
             raise ValueError(
-                f"the geometry has {here}, and at the start {there}, or other physical groups: "
+                f"the geometry has {now}, and at the start {at_start}, or other physical groups: "
                 "keep the topology for all values, or narrow the bounds"
             )
 
@@ -474,12 +479,12 @@ class DimensionDesign(Variables):
 
     def _center_rates(self, variables: Array) -> dict[str, Array]:
         """Motion (dimension, k) of the centers that the user's function gives, by interface."""
-        if not self._drawn or not (given := self._given(variables).get("centers")):
+        if not self._drawn or not (centers := self._given(variables).get("centers")):
             return {}
-        found = {name: np.zeros((len(center), self.size)) for name, center in given.items()}
+        rates = {name: np.zeros((len(center), self.size)) for name, center in centers.items()}
         for k in range(self.size):
             ends, apart = self._beside(variables, k)
             one, other = (self._given(end)["centers"] for end in ends)
-            for name, rate in found.items():
+            for name, rate in rates.items():
                 rate[:, k] = (np.asarray(one[name]) - np.asarray(other[name])) / apart
-        return found
+        return rates

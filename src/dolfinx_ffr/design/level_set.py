@@ -224,14 +224,14 @@ class LevelSet(Design):
     def _sizes(self, member: float | None, gap: float | None) -> tuple[float, float]:
         """Both minimum sizes, or refuse those that one kernel cannot hold."""
         asked = {"minimum_member": member, "minimum_gap": gap}
-        given = {name: value for name, value in asked.items() if value is not None}
-        for name, value in given.items():
+        given_sizes = {name: value for name, value in asked.items() if value is not None}
+        for name, value in given_sizes.items():
             validation.number(f"level set: {name}", value, above=0.0, unit="m")
         # one kernel holds both sizes: one that is not asked for follows the other
-        smallest = max(self._least, SIZES * given.get("minimum_gap", 0.0))
-        least_member = given.get("minimum_member", smallest)
-        follows = given.get("minimum_member", self._least)
-        sizes = least_member, given.get("minimum_gap", follows)
+        smallest = max(self._least, SIZES * given_sizes.get("minimum_gap", 0.0))
+        least_member = given_sizes.get("minimum_member", smallest)
+        follows = given_sizes.get("minimum_member", self._least)
+        sizes = least_member, given_sizes.get("minimum_gap", follows)
         if min(sizes) < SIZES * max(*sizes, self._least):
             raise ValueError(
                 f"level set: minimum_member and minimum_gap, {sizes[0]:.4g} m and {sizes[1]:.4g} m,"
@@ -269,13 +269,13 @@ class LevelSet(Design):
             s = np.linalg.norm(offset, axis=1) / self.radius
             slope = (-20.0 / self.radius**2 * (1.0 - s) ** 3)[:, None] * offset
             values = np.empty_like(slope)
-            for k, part in enumerate(slope.T):
-                mean = np.bincount(g.row, weights=part, minlength=len(x)) / sums
-                values[:, k] = (part - g.data * mean[g.row]) / sums[g.row]
+            for k, component in enumerate(slope.T):
+                mean = np.bincount(g.row, weights=component, minlength=len(x)) / sums
+                values[:, k] = (component - g.data * mean[g.row]) / sums[g.row]
             values = values @ image.turn  # back from the image
             for k in range(len(total)):
                 total[k] = total[k] + csr_matrix((values[:, k], (g.row, g.col)), shape=g.shape)
-        return tuple(csr_matrix(part / len(self._images)) for part in total)
+        return tuple(csr_matrix(matrix / len(self._images)) for matrix in total)
 
     def _check_cover(self, points: Array) -> None:
         bare = np.isinf(self._tree.query(points, distance_upper_bound=self.radius)[0])
@@ -299,11 +299,11 @@ class LevelSet(Design):
 
         def at(points: ArrayLike) -> Array:
             x = np.asarray(points, dtype=np.float64).reshape(-1, self.domain.dimension)
-            found = []
+            values = []
             for some in np.array_split(x, len(x) // AT_ONCE + 1):
                 total = sum(self._mean(image(some), u) for image in self._images)
-                found.append(np.asarray(total / len(self._images)) - 0.5)
-            return np.concatenate(found)
+                values.append(np.asarray(total / len(self._images)) - 0.5)
+            return np.concatenate(values)
 
         return at
 
@@ -409,7 +409,7 @@ class LevelSet(Design):
         share = self.domain.cell_volumes / self.domain.area * self._origin._sized_cells
         project = HeavisideProjection(max(self.sharpness, 8.0))
         decay = DECAY * self.radius**2
-        flat = share * np.exp(-decay * sum(part * part for part in gradient))
+        flat = share * np.exp(-decay * sum(slope * slope for slope in gradient))
         material = project(f)
         thin = np.minimum(0.0, f - self._solid)
         narrow = np.maximum(0.0, f - self._void)
@@ -419,8 +419,8 @@ class LevelSet(Design):
         f_bar += project.pullback(f, weight * flat * (thin**2 - GAP * narrow**2))
         slope_bar = -2.0 * decay * weight * flat * wanting
         local = mean.T @ f_bar
-        for matrix, part in zip(slopes, gradient, strict=True):
-            local = local + matrix.T @ (slope_bar * part)
+        for matrix, slope in zip(slopes, gradient, strict=True):
+            local = local + matrix.T @ (slope_bar * slope)
         return value, summed(self.domain.comm, local)
 
     # ------------------------------------------------------------------ starts
@@ -432,8 +432,8 @@ class LevelSet(Design):
         (n, dimension) [m]. Coefficients (knots,) are 1 or 0 from three mean elements off the
         boundary on. ValueError if there is not one finite value a knot.
         """
-        given = distance(self.knots) if callable(distance) else distance
-        d = finite_vector(given, self.size, "level set", "distances, one a knot")
+        distances = distance(self.knots) if callable(distance) else distance
+        d = finite_vector(distances, self.size, "level set", "distances, one a knot")
         return 0.5 + 0.5 * np.clip(d / (BAND * self.element), -1.0, 1.0)
 
     def with_holes(
@@ -533,17 +533,17 @@ def _grid(lines: Sequence[Array]) -> Array:
 
 
 def _check_knots(knots: ArrayLike, d: int) -> Array:
-    given = validation.numbers("level set: knots", knots)
-    if given.ndim != 2 or given.shape[1] != d or len(given) < 3:
+    positions = validation.numbers("level set: knots", knots)
+    if positions.ndim != 2 or positions.shape[1] != d or len(positions) < 3:
         raise ValueError(
-            f"level set: no usable knots in an array of shape {given.shape}; give at least three "
-            f"points, shape (knots, {d}), or none for a regular grid"
+            f"level set: no usable knots in an array of shape {positions.shape}; give at least "
+            f"three points, shape (knots, {d}), or none for a regular grid"
         )
-    if not np.all(np.isfinite(given)):
+    if not np.all(np.isfinite(positions)):
         raise ValueError("level set: a knot has a coordinate that is NaN or infinite")
-    if np.min(cKDTree(given).query(given, k=2)[0][:, 1]) == 0.0:
+    if np.min(cKDTree(positions).query(positions, k=2)[0][:, 1]) == 0.0:
         raise ValueError("level set: two knots coincide; remove one of them")
-    return np.ascontiguousarray(given)
+    return np.ascontiguousarray(positions)
 
 
 def _distance_from_contour(

@@ -93,11 +93,11 @@ class Evolution:
         """Phi whose mean by the level set's kernel is a signed distance near the boundary."""
         # the kernel smooths: a distance given as coefficients would shrink holes
         levelset, variables = self.levelset, self.variables(phi)
-        found = levelset.distance(variables, levelset.knots)
-        if not np.all(np.isfinite(found)):
+        distance = levelset.distance(variables, levelset.knots)
+        if not np.all(np.isfinite(distance)):
             return phi
         mean = 2.0 * self.band * levelset.level(variables)(levelset.knots)
-        return np.asarray(phi + np.clip(found, -self.band, self.band) - mean)
+        return np.asarray(phi + np.clip(distance, -self.band, self.band) - mean)
 
     def reinitialize(self, phi: Array) -> Array:
         """The signed distance from the zero line of ``phi`` (knots,), within the bounds.

@@ -76,23 +76,23 @@ class Isometry:
 
 def images(mirrors: Sequence[Mirror], dimension: int = 2) -> list[Isometry]:
     """All isometries that mirrors generate, the identity first; ValueError if they have no end."""
-    found = [Isometry(np.eye(dimension), np.zeros(dimension))]
+    isometries = [Isometry(np.eye(dimension), np.zeros(dimension))]
     reflections = [mirror.reflection for mirror in mirrors]
     scale = max((float(np.max(np.abs(r.shift))) for r in reflections), default=0.0) or 1.0
-    for known in found:  # which grows meanwhile
-        for candidate in (r.after(known) for r in reflections):
+    for isometry in isometries:  # which grows meanwhile
+        for candidate in (r.after(isometry) for r in reflections):
             if not any(
                 np.allclose(candidate.turn, other.turn, rtol=0.0, atol=1e-9)
                 and np.allclose(candidate.shift, other.shift, rtol=0.0, atol=1e-9 * scale)
-                for other in found
+                for other in isometries
             ):
-                found.append(candidate)
-            if len(found) > MOST:
+                isometries.append(candidate)
+            if len(isometries) > MOST:
                 raise ValueError(
                     f"mirrors: {list(mirrors)} have more than {MOST} images of a point: the lines "
                     "must meet in one point at angles that divide the circle; take fewer"
                 )
-    return found
+    return isometries
 
 
 class Symmetry:
@@ -126,10 +126,10 @@ class Symmetry:
         It is that of means over some cells, as those of the mesh have no images.
         """
         density = self._domain.everywhere(gradient) * self._designed
-        there = self._means(self._centroids, density)
-        off = there - self._means(mirror.reflection(self._centroids), density)
-        whole = np.sqrt(self._volumes @ there**2)
-        return float(np.sqrt(self._volumes @ off**2) / max(whole, 1e-300))
+        means = self._means(self._centroids, density)
+        change = means - self._means(mirror.reflection(self._centroids), density)
+        whole = np.sqrt(self._volumes @ means**2)
+        return float(np.sqrt(self._volumes @ change**2) / max(whole, 1e-300))
 
     def _means(self, points: Array, sums: Array) -> Array:
         """Means per area around points (n, dimension) of the sums over each cell, (n,)."""
@@ -211,9 +211,9 @@ def mirror_lines(domain: Domain, gradient: Array | None = None) -> list[Mirror]:
     angles = {15.0 * k for k in range(12)}
     if spread[1] - spread[0] > 1e-3 * spread[1]:
         angles = {0.0, 90.0}
-        own = math.degrees(math.atan2(axes[1, 0], axes[0, 0])) % 90.0
-        if ANGLE < own < 90.0 - ANGLE:  # else it is that of a coordinate, but for the mesh
-            angles |= {round(own, 6), round(own + 90.0, 6)}
+        principal = math.degrees(math.atan2(axes[1, 0], axes[0, 0])) % 90.0
+        if ANGLE < principal < 90.0 - ANGLE:  # else it is that of a coordinate, but for the mesh
+            angles |= {round(principal, 6), round(principal + 90.0, 6)}
     turns = map(math.radians, sorted(angles))
     normals = [(-math.sin(turn), math.cos(turn)) for turn in turns]
     return _confirmed("mirror lines", domain, center, normals, gradient)
@@ -261,24 +261,25 @@ def _confirmed(
     gradient: Array | None,
 ) -> list[Mirror]:
     """The mirrors through a center that the body has, and the gradient if there is one."""
-    symmetry, found, reasons = Symmetry(domain), list[Mirror](), list[str]()
+    symmetry, mirrors, reasons = Symmetry(domain), list[Mirror](), list[str]()
     if gradient is not None:
         gradient = validation.real_array(f"{what}: gradient", gradient, (domain.n_cells,))
     for normal in normals:
         mirror = Mirror(tuple(center.tolist()), tuple(map(float, normal)))
         reason = symmetry.reason(mirror)
         if not reason and gradient is not None:
-            off = symmetry.difference(mirror, gradient)
-            reason = f"the gradient differs by {_percent(off)} from its image" * (off > SHARE)
+            difference = symmetry.difference(mirror, gradient)
+            if difference > SHARE:
+                reason = f"the gradient differs by {_percent(difference)} from its image"
         if reason:
             reasons.append(f"{mirror}: {reason}")
         else:
-            found.append(mirror)
-    if not found:
+            mirrors.append(mirror)
+    if not mirrors:
         meshed = "a mesh with mirror images of its cells has them, and " * (domain.dimension == 3)
         warnings.warn(
             f"{what}: none of the body through its centroid; looked for were "
             f"{'; '.join(reasons)}; {meshed}others than these can be given by hand",
             stacklevel=3,
         )
-    return found
+    return mirrors

@@ -270,12 +270,12 @@ def volume_multiplier(
             )
     for _ in range(200):
         middle = 0.5 * (low + high)
-        found = volume(middle)
-        if found > bound:
+        filled = volume(middle)
+        if filled > bound:
             low = middle
         else:
             high = middle
-            if found >= bound * (1.0 - tolerance):
+            if filled >= bound * (1.0 - tolerance):
                 break
         if high - low <= 1e-14 * high:
             break

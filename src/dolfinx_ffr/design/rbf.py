@@ -53,10 +53,10 @@ class Kernel(Protocol):
 def check_kernel(what: str, kernel: object) -> Kernel:
     """The kernel, or TypeError for anything else; ``what`` names the user in the message."""
     needed = "a radial basis function, as Wendland(...)"
-    found: Kernel = validation.implementation(
+    checked: Kernel = validation.implementation(
         f"{what}: the kernel", kernel, ("support", "minimal_degree", "__call__"), needed
     )
-    return found
+    return checked
 
 
 @dataclass(frozen=True)
@@ -161,10 +161,10 @@ class ThinPlate(Kernel):
 
 def neighbours(points: Array, knots: cKDTree, reach: float) -> NDArray[Any]:
     """Pairs of points (n, dimension) and knots within reach: numbers "i", "j", distance "v"."""
-    found: NDArray[Any] = cKDTree(points).sparse_distance_matrix(
+    pairs: NDArray[Any] = cKDTree(points).sparse_distance_matrix(
         knots, reach, output_type="ndarray"
     )
-    return found
+    return pairs
 
 
 def kernel_matrix(kernel: Kernel, points: Array, knots: cKDTree) -> csr_matrix:
