@@ -74,13 +74,7 @@ class LevelSetEvolution(Optimizer):
         """The level sets ``designs`` moved from ``start`` below ``volume`` in a ``loop``."""
         steps = LevelSetSteps(self, loop, designs, volume)
         with loop.running():
-            data = loop.earlier(steps.identity())
-            loop.plan(len(steps.stages), self.stage_iterations)
-            if data is None:
-                loop.record(steps.begin(start))
-            else:
-                steps.load(data)
-            reason = loop.follow(steps)
+            reason = loop.follow(steps, start, len(steps.stages), self.stage_iterations)
             state = steps.state
             evaluation = steps.nominal(state, steps.evaluation)
             designs, coefficients = steps.designs(state), steps.coefficients(state)

@@ -194,6 +194,19 @@ class Iterate:
     state: Mapping[str, Any] | None = None
 
 
+class OptimizesDesigns(Optimizes, Protocol):
+    """An optimiser of designs, which begins by itself or goes on from a checkpoint."""
+
+    def identity(self) -> dict[str, Any]:
+        """What a checkpoint and the run that reads it must have in common."""
+
+    def begin(self, start: Arrays) -> Iterate:
+        """The first iterate, from variables by body; collective."""
+
+    def load(self, data: Mapping[str, Any]) -> None:
+        """Go on from the state in a checkpoint; collective."""
+
+
 class DesignLoop:
     """Evaluations, history, checkpoint, progress and interruption of one run.
 
@@ -408,8 +421,20 @@ class DesignLoop:
         """Normal modes of each body."""
         return [body.modes for body in self.problem.flexible.values()]
 
-    def follow(self, optimizer: Optimizes) -> str:
-        """Record each iterate of an ``optimizer`` until it ends; the reason why it has ended."""
+    def follow(
+        self, optimizer: OptimizesDesigns, start: Arrays, stages: int, each: int | None
+    ) -> str:
+        """Run an ``optimizer`` from its ``start``, or from a checkpoint; the reason of its end.
+
+        Each iterate is recorded. The iterations are shared out among ``stages``, with ``each`` at
+        most; None shares out those of the run.
+        """
+        state = self.earlier(optimizer.identity())
+        self.plan(stages, each)
+        if state is None:
+            self.record(optimizer.begin(start))
+        else:
+            optimizer.load(state)
         return follow(
             optimizer,
             self.record,

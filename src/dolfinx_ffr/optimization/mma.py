@@ -119,13 +119,7 @@ class MMA(Optimizer):
         """The best sharp ``designs`` from ``start`` below ``volume`` in a ``loop``."""
         steps = MMASteps(self, loop, designs, volume)
         with loop.running():
-            data = loop.earlier(steps.identity())
-            loop.plan(1, self.length)
-            if data is None:
-                loop.record(steps.begin(start))
-            else:
-                steps.load(data)
-            reason = loop.follow(steps)
+            reason = loop.follow(steps, start, 1, self.length)
             # the best feasible sharp design, or else the last one
             point = steps.point
             chosen = point.asymptotes.x if point.best is None else point.best
