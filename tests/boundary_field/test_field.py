@@ -15,14 +15,13 @@ from shared.problems import slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary_field import (
-    BoundaryField,
     FieldSpace,
     FittedNodes,
+    PlaneBoundary,
     SizeRows,
     first_field,
     mended,
     redistanced,
-    translated,
 )
 from dolfinx_ffr.part import outline_violations
 
@@ -43,15 +42,15 @@ def plate() -> FieldSpace:
     return FieldSpace.of(body, MEMBER, MEMBER, rim=MEMBER)
 
 
-def with_voids(space: FieldSpace, *voids: shapely.Geometry) -> BoundaryField:
+def with_voids(space: FieldSpace, *voids: shapely.Geometry) -> PlaneBoundary:
     """The body of a space without some regions, as a field."""
     material = space.body.outline
     for void in voids:
         material = material.difference(void)
-    return space.of_material(material)
+    return PlaneBoundary.of_material(space, material)
 
 
-def plate_with_void() -> BoundaryField:
+def plate_with_void() -> PlaneBoundary:
     """A plate with a round void that reaches to the rim of the hole, and without a corner."""
     corner = shapely.Polygon([(0.17, 0.0), (0.17, 0.04), (0.1, 0.04)])
     return redistanced(with_voids(plate(), shapely.Point(0.09, 0.0).buffer(0.022), corner))
@@ -65,7 +64,7 @@ def test_a_part_keeps_the_outline_its_holes_and_their_rims() -> None:
     assert part.polygon.difference(body.outline.buffer(2e-5)).is_empty
     assert outline_violations(part, MEMBER, MEMBER) == []
     assert part.holes == 2
-    mesh = field.mesh()
+    mesh = field.mesh(np.inf, fine=False)
     assert mesh.area == pytest.approx(part.area, rel=1e-3)
     assert np.any(mesh.solid_cells)
 
@@ -94,7 +93,7 @@ def test_all_of_a_body_with_round_ends_and_bores_is_its_part() -> None:
         size=6e-3,
     )
     space = FieldSpace.of(body, 3e-3, 3e-3, rim=3e-3)
-    part = space.of_material(body.outline).part
+    part = PlaneBoundary.of_material(space, body.outline).part
     assert part.holes == 2
     # splines do not follow an arc to round-off
     assert part.area == pytest.approx(body.outline.area, rel=2e-3)
@@ -112,7 +111,7 @@ def test_what_follows_the_zero_of_a_field_is_exact_to_second_order() -> None:
     difference = (ends[0].part.area - ends[1].part.area) / (2.0 * step)
     assert difference == pytest.approx(slope, rel=2e-3)
 
-    mesh = field.mesh()
+    mesh = field.mesh(np.inf, fine=False)
     nodes = FittedNodes(field, mesh)
     points = mesh.mesh.geometry.x[:, :2]
     moved = np.column_stack([nodes.motion[i] @ way for i in (0, 1)])
@@ -138,7 +137,7 @@ def test_the_gradient_of_psi_by_the_variables_is_that_of_meshes_that_follow() ->
     holes = [shapely.Point(x, 0.0).buffer(0.009) for x in (0.1, 0.2, 0.3)]
     field = redistanced(with_voids(space, *holes))
 
-    def evaluated(field: BoundaryField) -> tuple[ffr.Problem, ffr.problem.Evaluation, ffr.Domain]:
+    def evaluated(field: PlaneBoundary) -> tuple[ffr.Problem, ffr.problem.Evaluation, ffr.Domain]:
         domain = field.part.domain(5e-3)
         own = problem.with_bodies({"rod": rod.with_domain(domain)})
         return own, own.value(np.ones(domain.n_cells)), domain
@@ -262,7 +261,7 @@ def test_a_translation_moves_a_hole_as_a_whole() -> None:
     near = shapely.contains_xy(around, *edge.points.T)
     # minus the moment of the void about its center: material that grows takes void away
     slope = edge.rows.T @ (near * edge.lengths * (edge.points[:, 0] - 0.1))
-    after = translated(field, slope)
+    after = field.translated(slope)
     center = around.buffer(MEMBER).difference(after.part.polygon).centroid
     assert 0.3 * MEMBER < center.x - 0.1 < MEMBER
     assert abs(center.y) < 0.1 * MEMBER

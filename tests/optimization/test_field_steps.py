@@ -19,9 +19,9 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr import Constraint, Mass, PartWarning, PeakStress, Problem, worst_stress
 from dolfinx_ffr.arrays import Array, Mask
 from dolfinx_ffr.boundary_field import (
-    BoundaryField,
     FieldOptions,
     FieldSpace,
+    PlaneBoundary,
     first_field,
     mended,
     redistanced,
@@ -44,7 +44,7 @@ def test_steps_lower_psi_within_sizes_and_the_volume_and_keep_the_mirror_line() 
     mirror = Mirror((0.2, 0.0), (0.0, 1.0))
     space = FieldSpace.of(domain, MEMBER, MEMBER, mirrors=[mirror])
     holes = shapely.union_all([shapely.Point(x, 0.0).buffer(0.009) for x in (0.1, 0.2, 0.3)])
-    field = space.of_material(domain.outline.difference(holes))
+    field = PlaneBoundary.of_material(space, domain.outline.difference(holes))
     own = FieldProblem(problem, {"rod": MOST}, {}, FieldOptions())
     start = own.trial({"rod": mended(redistanced(field), MEMBER)})
     assert start.violation > 0.05  # far too much material
@@ -74,7 +74,7 @@ def test_a_trial_that_falls_apart_is_taken_back(monkeypatch: pytest.MonkeyPatch)
     options = FieldOptions(promised=np.inf, idle=-np.inf)
     space = FieldSpace.of(domain, MEMBER, MEMBER, options=options)
     gap = shapely.box(0.15, -0.03, 0.25, 0.007)
-    field = redistanced(space.of_material(domain.outline.difference(gap)))
+    field = redistanced(PlaneBoundary.of_material(space, domain.outline.difference(gap)))
     own = FieldProblem(problem, {}, {}, options)
     steps = FieldSteps(own, own.trial({"rod": field}), mode_tolerance=None)
     before = steps.trial.evaluation.psi
@@ -99,7 +99,7 @@ def test_a_full_rod_is_pierced_where_psi_falls_by_a_hole() -> None:
     domain = problem.flexible["rod"].domain
     space = FieldSpace.of(domain, MEMBER, MEMBER, mirrors=[Mirror((0.2, 0.0), (0.0, 1.0))])
     own = FieldProblem(problem, {}, {}, FieldOptions())
-    full = own.trial({"rod": space.of_material(domain.outline)})
+    full = own.trial({"rod": PlaneBoundary.of_material(space, domain.outline)})
     assert full.fields["rod"].part.holes == 0
     pierced = with_better_topology(own, full, own.gradients(full), np.zeros(0), 1.5)
     assert pierced.fields["rod"].part.holes > 0
@@ -150,7 +150,7 @@ def test_the_first_field_of_a_rod_with_eyes_has_its_sizes_volume_and_rims(
     assert outline_violations(part, member, member) == []
 
 
-def rod_with_slits(domain: ffr.Domain, member: float) -> BoundaryField:
+def rod_with_slits(domain: ffr.Domain, member: float) -> PlaneBoundary:
     """The first field of such a rod."""
     space = FieldSpace.of(domain, member, member, rim=member, volume=MOST)
     slits = [
@@ -183,7 +183,7 @@ def test_steps_of_fields_go_on_from_a_checkpoint_and_keep_a_stress_below_its_bou
     given = slider_crank(MPI.COMM_SELF, (40, 4), steps=60)
     space = FieldSpace.of(given.flexible["rod"].domain, MEMBER, MEMBER)
     holes = shapely.MultiPoint([(x, 0.0) for x in (0.1, 0.2, 0.3)]).buffer(0.009)
-    field = redistanced(space.of_material(space.body.outline.difference(holes)))
+    field = redistanced(PlaneBoundary.of_material(space, space.body.outline.difference(holes)))
     parts = given.bodies, given.mechanism, given.integrator
     start = FieldProblem(given, {}, {}, FieldOptions()).trial({"rod": field})
     largest = worst_stress(start.problem.flexible["rod"], start.evaluation, "rod").largest

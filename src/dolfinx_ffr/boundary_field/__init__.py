@@ -3,17 +3,13 @@
 
 from __future__ import annotations
 
-from .displacements import translated as translated
 from .field import BoundaryField as BoundaryField
 from .field import FieldSpace as FieldSpace
 from .fitted import FittedNodes as FittedNodes
-from .operations import best_hole as best_hole
-from .operations import best_member as best_member
-from .operations import cut as cut
-from .operations import most_idle as most_idle
-from .operations import small_voids as small_voids
-from .operations import united as united
+from .moving import MovingBoundary as MovingBoundary
+from .moving import split_by_boundary as split_by_boundary
 from .options import FieldOptions as FieldOptions
+from .plane import PlaneBoundary as PlaneBoundary
 from .projection import JoinedMotions as JoinedMotions
 from .projection import Projection as Projection
 from .projection import Secants as Secants

@@ -13,12 +13,12 @@ from scipy.sparse.linalg import splu
 
 from ..arrays import Array
 from ..design import images
-from .field import SYMMETRIC, BoundaryField
+from .field import SYMMETRIC, AnyField
 from .operations import refitted
 from .spline_grid import SplineGrid
 
 
-def translated(field: BoundaryField, slope: Array) -> BoundaryField:
+def translated(field: AnyField, slope: Array) -> AnyField:
     """The field with its material displaced downhill, by one minimum member at most.
 
     The displacement u minimises int |u|^2 / h + h int |grad u|^2 with the ``slope`` (variables,) of

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import shapely
@@ -302,7 +302,7 @@ class BoundaryField:
         """The body that is designed."""
         return self.space.body
 
-    def with_variables(self, variables: Array) -> BoundaryField:
+    def with_variables(self, variables: Array) -> Self:
         """The field of other ``variables``, as far as these are allowed."""
         return replace(self, variables=self.space.bounded(variables))
 
@@ -329,15 +329,6 @@ class BoundaryField:
             lambda: FieldDrawing(self, self.space.grid, self.space.body_drawing).drawing,
         )
         return self.space.full.redrawn(drawing)
-
-    def mesh(self) -> Domain:
-        """Triangles that fit the part; collective."""
-        options = self.space.options
-        enough = np.sqrt(4.0 / np.sqrt(3.0) * self.part.area / options.triangles)
-        size = min(1.3 * options.triangle * self.space.member, enough)
-        domain = self.part.domain(size, across=options.triangle_across, turn=np.inf)
-        domain.whole = self.space.body
-        return domain
 
     @cached_property
     def material(self) -> shapely.Polygon:
@@ -386,6 +377,10 @@ class BoundaryField:
         near = 1e-3 * self.space.grid.spacing
         solid = shapely.dwithin(self.space.solid, places, near)
         return np.asarray(solid | (self.space.rims.margin(points) > -near))
+
+
+#: A kind of boundary field
+AnyField = TypeVar("AnyField", bound=BoundaryField)
 
 
 def spread(ring: Array, step: float) -> tuple[Array, Array, Array]:

@@ -13,16 +13,16 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers
 from ..reduction import Struts
-from .field import BoundaryField, FieldSpace
+from .field import AnyField, BoundaryField, FieldSpace
 from .smoothing import mended, redistanced
 
 
-def united(field: BoundaryField, shape: shapely.Geometry) -> BoundaryField:
+def united(field: AnyField, shape: shapely.Geometry) -> AnyField:
     """The field whose material is that of ``field`` and a ``shape`` [m]."""
     return refitted(field, np.maximum(_values(field), _inside(field.space, shape)))
 
 
-def cut(field: BoundaryField, shape: shapely.Geometry) -> BoundaryField:
+def cut(field: AnyField, shape: shapely.Geometry) -> AnyField:
     """The field whose material is that of ``field`` without a ``shape`` [m]."""
     return refitted(field, np.minimum(_values(field), -_inside(field.space, shape)))
 
@@ -46,9 +46,9 @@ def _inside(space: FieldSpace, shape: shapely.Geometry) -> Array:
     return values
 
 
-def refitted(field: BoundaryField, values: Array) -> BoundaryField:
+def refitted(field: AnyField, values: Array) -> AnyField:
     """The field nearest to ``values`` (n,) at the raster [m], with minimum sizes."""
-    changed = redistanced(field.space.fitted(values))
+    changed = redistanced(field.with_variables(field.space.fitted(values).variables))
     for _ in range(3):
         changed = mended(changed, field.space.member)
     return changed

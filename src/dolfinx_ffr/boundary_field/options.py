@@ -49,6 +49,7 @@ class FieldOptions:
     curvature_share: float = 1e-2  #: Of the largest curvature, from which on one is told
 
     # the topology
+    worth: float = 1e-3  #: Fall of log psi for which it changes; the same rise for a simpler part
     topology_every: int = 5  #: Steps from one look at the topology to the next, at first
     shift: float = 3.0  #: Length over which a translation differs
     opened: float = 0.75  #: Half of it is the radius of discs that thin members do not hold

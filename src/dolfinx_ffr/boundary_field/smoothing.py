@@ -8,7 +8,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, vstack
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers, Mask
-from .field import SMOOTH, BoundaryField
+from .field import SMOOTH, AnyField, BoundaryField
 from .projection import Projection, SmoothMotion
 from .sizes import SizeRows
 
@@ -49,7 +49,7 @@ def free_variables(field: BoundaryField) -> Mask:
     return free & ~field.space.held
 
 
-def mended(field: BoundaryField, reach: float, smooth: SmoothMotion | None = None) -> BoundaryField:
+def mended(field: AnyField, reach: float, smooth: SmoothMotion | None = None) -> AnyField:
     """The field with its minimum sizes and largest volume, by the smallest motions for them.
 
     They are small by the metric of the field, or by a ``smooth`` one of a field nearby.
@@ -111,7 +111,7 @@ def is_uneven(field: BoundaryField) -> bool:
     return bool(low < options.slopes[0] or high > options.slopes[1])
 
 
-def redistanced(field: BoundaryField) -> BoundaryField:
+def redistanced(field: AnyField) -> AnyField:
     """A field with the same zero and slopes of one there, that keeps minimum sizes.
 
     It minimises a int phi^2 / h^2 + int (dphi/dn + 1)^2 + b sum (phi - d)^2 / h^2 within the rows

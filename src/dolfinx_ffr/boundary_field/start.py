@@ -11,7 +11,8 @@ import numpy as np
 import shapely
 
 from ..arrays import Array
-from .field import BoundaryField, FieldSpace, spread
+from .field import FieldSpace, spread
+from .plane import PlaneBoundary
 from .sizes import opposite
 from .smoothing import mended, redistanced
 
@@ -19,9 +20,9 @@ from .smoothing import mended, redistanced
 _ROUNDS = 3
 
 
-def first_field(space: FieldSpace, material: shapely.Geometry) -> BoundaryField:
+def first_field(space: FieldSpace, material: shapely.Geometry) -> PlaneBoundary:
     """The field whose zero is the free boundary of a ``material``, as near as sizes allow."""
-    field = redistanced(space.of_material(_with_sizes(space, material)))
+    field = redistanced(PlaneBoundary.of_material(space, _with_sizes(space, material)))
     for _ in range(_ROUNDS):
         field = mended(field, space.options.longest_reach * space.member)
     return field

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..boundary_field import BoundaryField
+from ..boundary_field import MovingBoundary
 from ..objective import is_stress
 from ..part import STRESSED, TURN
 from ..problem import Problem
@@ -70,7 +70,7 @@ class FieldPhaseSteps(Iterator[FieldTrial]):
     def __init__(
         self,
         problem: FieldProblem,
-        fields: Mapping[str, BoundaryField],
+        fields: Mapping[str, MovingBoundary],
         mode_tolerance: float | None,
         state: Mapping[str, Any] | None = None,
         options: PhaseOptions = PhaseOptions(),
@@ -121,7 +121,7 @@ class FieldPhaseSteps(Iterator[FieldTrial]):
     def row_of(self, trial: FieldTrial) -> dict[str, float]:
         """The row of the history for a trial that no step has led to."""
         bodies = [trial.problem.flexible[name] for name in trial.fields]
-        full = sum(field.space.body.area for field in trial.fields.values())
+        full = sum(boundary.body.area for boundary in trial.fields.values())
         return {
             "psi": trial.evaluation.psi,
             "volume": sum(body.domain.area for body in bodies) / full,
@@ -188,7 +188,7 @@ class FieldPhaseSteps(Iterator[FieldTrial]):
     # ------------------------------------------------------------------ in a checkpoint
 
     @staticmethod
-    def identity(fields: Mapping[str, BoundaryField]) -> dict[str, Array]:
+    def identity(fields: Mapping[str, MovingBoundary]) -> dict[str, Array]:
         """What a run and the one that goes on from it have in common."""
         return {name: field.variables for name, field in fields.items()}
 
@@ -231,14 +231,14 @@ class FieldPhaseSteps(Iterator[FieldTrial]):
         self.number = int(state["number"])
         return steps
 
-    def _fields(self, what: str, state: Mapping[str, Any]) -> dict[str, BoundaryField]:
+    def _fields(self, what: str, state: Mapping[str, Any]) -> dict[str, MovingBoundary]:
         names = [name for name in self._start if f"{what} {name}" in state]
         return {n: self._start[n].with_variables(np.asarray(state[f"{what} {n}"])) for n in names}
 
 
 def moved_fields(
     problem: Problem,
-    fields: Mapping[str, BoundaryField],
+    fields: Mapping[str, MovingBoundary],
     volume: Mapping[str, float],
     variables: Mapping[str, Array],
     iterations: int,
@@ -253,7 +253,7 @@ def moved_fields(
         problem,
         dict(volume),
         dict(variables),
-        next(iter(fields.values())).space.options,
+        next(iter(fields.values())).options,
         turn=TURN if any(map(is_stress, objectives)) else math.inf,
         margins=of_stress(problem, phase.stress_spare),
     )

@@ -17,17 +17,13 @@ import numpy as np
 
 from ..arrays import Array
 from ..boundary_field import (
-    BoundaryField,
     JoinedMotions,
+    MovingBoundary,
     Projection,
     Secants,
     SmoothMotion,
     Step,
-    free_variables,
-    is_uneven,
-    mended,
-    metric,
-    redistanced,
+    split_by_boundary,
 )
 from ..parallel import on_rank_0
 from .field_topology import with_better_topology
@@ -60,7 +56,7 @@ class FieldSteps:
         logarithm = self.problem.logarithm or SignedLog.around(self.trial.evaluation.psi)
         self.problem = replace(self.problem, logarithm=logarithm)
         self.trial = self.best = replace(self.trial, logarithm=logarithm)
-        member = min(field_.space.member for field_ in self.trial.fields.values())
+        member = min(boundary.member for boundary in self.trial.fields.values())
         self._member, self._reach = member, options.longest_reach * member
         self._bound_weight = options.bound_weight
         self._weight: float | None = None
@@ -104,7 +100,7 @@ class FieldSteps:
         if self.problem.turn < math.inf:
             self._reach = max(self._reach, options.shortest_of_stress * self._member)
         motion = np.concatenate(
-            [after.fields[n].variables - f.variables for n, f in before.fields.items()]
+            [before_.motion_to(after.fields[name]) for name, before_ in before.fields.items()]
         )
         self._secants = self._secants.after(motion, gradients.psi, options.secants)
         before.release()
@@ -121,9 +117,8 @@ class FieldSteps:
         self, trial: FieldTrial, gradients: FieldGradients
     ) -> tuple[dict[str, SmoothMotion], Projection]:
         """The steps from a trial; variables at their bounds that would leave these stay."""
-        ends = np.cumsum([len(f.variables) for f in trial.fields.values()])[:-1]
-        parts = zip(trial.fields.items(), np.split(gradients.psi, ends), strict=True)
-        smooth = {name: _smooth(field_, slope) for (name, field_), slope in parts}
+        slopes = split_by_boundary(gradients.psi, trial.fields)
+        smooth = {n: b.smooth_motion(slopes[n]) for n, b in trial.fields.items()}
         joined = JoinedMotions(list(smooth.values()))
         share = self.problem.options.curvature_share
         bends = self._secants.bends(joined.metric, gradients.psi, share)
@@ -163,18 +158,11 @@ class FieldSteps:
 
     def _moved(
         self, trial: FieldTrial, motion: Array, smooth: Mapping[str, SmoothMotion]
-    ) -> dict[str, BoundaryField]:
-        """The fields after a motion, with minimum sizes and slopes near one."""
-        reach = self.problem.options.longest_reach * self._member
-        ends = np.cumsum([len(f.variables) for f in trial.fields.values()])[:-1]
-        moved = {}
+    ) -> dict[str, MovingBoundary]:
+        """The boundaries after a motion of all."""
+        motions = split_by_boundary(motion, trial.fields)
         with shaping():
-            parts = zip(trial.fields.items(), np.split(motion, ends), strict=True)
-            for name, (field_, own) in ((n, (f, own)) for (n, f), own in parts):
-                field_ = field_.with_variables(field_.variables + own)
-                field_ = redistanced(field_) if is_uneven(field_) else field_
-                moved[name] = mended(field_, reach, smooth[name])
-        return moved
+            return {n: b.moved(motions[n], smooth[n]) for n, b in trial.fields.items()}
 
     def _check_modes(self) -> None:
         problem, trial = self.problem.with_enough(self.trial, self.mode_tolerance, self._first)
@@ -234,7 +222,7 @@ class FieldSteps:
     def _note(self, step: float, rejected: int) -> None:
         trial = self.trial
         areas = {n: trial.problem.flexible[n].domain.area for n in trial.fields}
-        full = sum(field_.space.body.area for field_ in trial.fields.values())
+        full = sum(boundary.body.area for boundary in trial.fields.values())
         row = {"psi": trial.evaluation.psi, "volume": sum(areas.values()) / full}
         row |= {"excess": trial.violation, "size_violation": trial.size_violation}
         row |= {"step": step, "reach": self._reach, "rejected": float(rejected)}
@@ -243,14 +231,5 @@ class FieldSteps:
 
 def _changes(before: FieldTrial, after: FieldTrial) -> dict[str, int]:
     """How many members or holes came and went, as the number of holes tells."""
-    holes = [sum(f.part.holes for f in trial.fields.values()) for trial in (before, after)]
+    holes = [sum(b.n_holes for b in trial.fields.values()) for trial in (before, after)]
     return {"inserted": max(0, holes[1] - holes[0]), "removed": max(0, holes[0] - holes[1])}
-
-
-def _smooth(field_: BoundaryField, slope: Array) -> SmoothMotion:
-    """The motions of a field, without variables at their bounds that would leave these."""
-    smooth = SmoothMotion(metric(field_), free_variables(field_))
-    downhill = np.zeros(len(slope))
-    downhill[smooth.free] = -smooth.solve(slope[smooth.free])
-    leaving = (downhill > 0.0) & (field_.variables >= field_.space.upper - 1e-9)
-    return smooth.without(leaving) if np.any(leaving) else smooth

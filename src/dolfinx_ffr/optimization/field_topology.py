@@ -8,23 +8,11 @@ are cut, and small voids are filled. The adjoint fields choose what is tried, an
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
-import numpy as np
-import shapely
-
 from ..arrays import Array
-from ..boundary_field import (
-    BoundaryField,
-    best_hole,
-    best_member,
-    cut,
-    most_idle,
-    small_voids,
-    translated,
-    united,
-)
+from ..boundary_field import MovingBoundary, split_by_boundary
 from ..problem import Evaluation
 from ..reduction import Struts
 from .field_trial import FieldGradients, FieldProblem, FieldTrial
@@ -34,8 +22,6 @@ from .trial_failed import TrialFailed, shaping
 _STIFF = 0.1
 #: Changes of one kind at one time
 _MOST = 8
-
-Promising = Callable[[BoundaryField, Struts], shapely.Geometry | None]
 
 
 def with_better_topology(
@@ -55,58 +41,64 @@ def with_better_topology(
     """
     if problem.turn < math.inf:  # the largest stress depends on more than the integrals
         return trial
-    noise, evaluation = problem.options.noise, gradients.evaluation
-    ends = np.cumsum([len(field.variables) for field in trial.fields.values()])[:-1]
-    slopes = np.split(gradients.psi, ends)
-    for name, slope in zip(tuple(trial.fields), slopes, strict=True):
-        change = partial(translated, slope=slope)
-        trial = _better(problem, trial, name, change, weight, -noise) or trial
-    if trial.evaluation is not gradients.evaluation:
+    for name, slope in split_by_boundary(gradients.psi, trial.fields).items():
+        moved = partial(trial.fields[name].translated, slope)
+        trial = _first_better(problem, trial, name, _one(moved), weight, simplifies=False) or trial
+
+    evaluation = gradients.evaluation
+    if trial.evaluation is not evaluation:
         evaluation = trial.problem.differentiate(trial.evaluation, densities=False)
-    own = _struts(trial, evaluation, costs)
-    kinds: list[tuple[Promising, Callable[..., BoundaryField], float]] = [
-        (best_member, united, -noise),
-        (best_hole, cut, -noise),
-        (most_idle, cut, noise),
-        (lambda field, _: small_voids(field), united, noise),
-    ]
-    for name in tuple(own):
-        for promising, operation, rise in kinds:
+    struts = _struts(trial, evaluation, costs)
+    for name in tuple(struts):
+        for change in trial.fields[name].changes:
             for _ in range(_MOST):
-                shape = promising(trial.fields[name], own[name]) if name in own else None
-                if shape is None:
+                if name not in struts:
                     break
-                change = partial(operation, shape=shape)
-                better = _better(problem, trial, name, change, weight, rise)
+                candidates = change.candidates(trial.fields[name], struts[name])
+                better = _first_better(
+                    problem, trial, name, candidates, weight, simplifies=change.simplifies
+                )
                 if better is None:
                     break
                 trial = better
                 evaluation = trial.problem.differentiate(trial.evaluation, densities=False)
-                own = _struts(trial, evaluation, costs)
+                struts = _struts(trial, evaluation, costs)
     return trial
 
 
-def _better(
+def _one(make: Callable[[], MovingBoundary | None]) -> Iterator[MovingBoundary]:
+    """The boundary that is made, if it is one."""
+    boundary = make()
+    if boundary is not None:
+        yield boundary
+
+
+def _first_better(
     problem: FieldProblem,
     trial: FieldTrial,
     name: str,
-    change: Callable[[BoundaryField], BoundaryField],
+    candidates: Iterator[MovingBoundary],
     weight: float,
-    rise: float,
+    *,
+    simplifies: bool,
 ) -> FieldTrial | None:
-    """The trial after a change of a body if its merit rises by less, None otherwise."""
-    problem.tell(f"psi {trial.evaluation.psi:.5g}")
-    try:
-        with shaping():
-            changed = change(trial.fields[name])
-        other = problem.trial({**trial.fields, name: changed})
-    except TrialFailed:
-        return None
-    # sizes are mended by the steps that follow
-    if other.merit(weight) < trial.merit(weight) + rise:
-        return other
-    other.release()
-    return None
+    """The first trial with another boundary of a body that is worth its change, None otherwise."""
+    worth = problem.options.worth
+    highest = trial.merit(weight) + (worth if simplifies else -worth)
+    while True:
+        problem.tell(f"psi {trial.evaluation.psi:.5g}")
+        try:
+            with shaping():
+                changed = next(candidates, None)
+            if changed is None:
+                return None
+            other = problem.trial({**trial.fields, name: changed})
+        except TrialFailed:
+            continue  # a generator that has failed is at its end
+        # sizes are mended by the steps that follow
+        if other.merit(weight) < highest:
+            return other
+        other.release()
 
 
 def _struts(trial: FieldTrial, evaluation: Evaluation, costs: Array) -> dict[str, Struts]:
@@ -114,7 +106,7 @@ def _struts(trial: FieldTrial, evaluation: Evaluation, costs: Array) -> dict[str
 
     Not of bodies whose stiffness hardly counts.
     """
-    struts = {}
+    struts: dict[str, Struts] = {}
     bounds = list(evaluation.constraints.values())
     # the constraints of the problem stand before the volumes
     multipliers = costs[len(costs) - len(trial.violations) :][: len(bounds)]
@@ -124,7 +116,7 @@ def _struts(trial: FieldTrial, evaluation: Evaluation, costs: Array) -> dict[str
         for bound, cost in zip(bounds, multipliers, strict=False):
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
-        own = body.struts(evaluation.bodies[name], bar)
-        if body.domain.sum(own.carried) > _STIFF:
-            struts[name] = own
+        body_struts = body.struts(evaluation.bodies[name], bar)
+        if body.domain.sum(body_struts.carried) > _STIFF:
+            struts[name] = body_struts
     return struts

@@ -14,9 +14,8 @@ from scipy.sparse import block_diag, csr_matrix, vstack
 from shapely.geometry.base import BaseGeometry
 
 from ..arrays import Array
-from ..boundary_field import BoundaryField, FieldOptions, FittedNodes, SizeRows
-from ..fem import Domain
-from ..part import TURN, Part, Solid
+from ..boundary_field import FieldOptions, MovingBoundary, SizeRows
+from ..part import Part, Solid
 from ..problem import Evaluation, Problem
 from .descent import parted
 from .enough_modes import with_enough_modes, with_steps_for
@@ -29,7 +28,7 @@ from .trial_failed import shaping, simulating
 class FieldTrial:
     """Boundaries with the meshes that fit them, and what was computed there."""
 
-    fields: dict[str, BoundaryField]  #: By body
+    fields: dict[str, MovingBoundary]  #: By body
     problem: Problem
     evaluation: Evaluation
     logarithm: SignedLog  #: By which psi is compared
@@ -40,31 +39,30 @@ class FieldTrial:
     warned: tuple[warnings.WarningMessage, ...] = ()  #: What was said while it was computed
 
     @property
-    def boundaries(self) -> dict[str, BoundaryField]:
+    def boundaries(self) -> dict[str, MovingBoundary]:
         """The fields, by body."""
         return self.fields
 
     @property
     def parts(self) -> dict[str, Part | Solid]:
         """What they enclose, by body."""
-        return {name: boundary.part for name, boundary in self.fields.items()}
+        return {name: boundary.drawn for name, boundary in self.fields.items()}
 
     @property
     def materials(self) -> dict[str, BaseGeometry]:
-        """The same as polygons [m], by body."""
-        return {name: boundary.part.polygon for name, boundary in self.fields.items()}
+        """The same as polygons [m], by body in the plane."""
+        return {name: part.polygon for name, part in self.parts.items() if isinstance(part, Part)}
 
     @property
     def asked(self) -> dict[str, AskedSizes]:
         """Sizes that were asked for, by body."""
-        spaces = {name: boundary.space for name, boundary in self.fields.items()}
-        return {n: AskedSizes(s.member, s.gap, s.rims.width) for n, s in spaces.items()}
+        return {n: AskedSizes(b.member, b.gap, b.rim) for n, b in self.fields.items()}
 
     @property
     def narrowest(self) -> float:
         """The narrowest member that has a row [m]; infinite if there is none."""
         widths = [
-            boundary.space.options.spare * boundary.space.member * (1.0 - value)
+            boundary.options.spare * boundary.member * (1.0 - value)
             for name, boundary in self.fields.items()
             for value in self.rows[name].values[: self.rows[name].members]
         ]
@@ -73,7 +71,7 @@ class FieldTrial:
     @cached_property
     def rows(self) -> dict[str, SizeRows]:
         """Constraints on sizes, by body."""
-        return {name: SizeRows.of(field) for name, field in self.fields.items()}
+        return {name: boundary.sizes for name, boundary in self.fields.items()}
 
     @property
     def size_violation(self) -> float:
@@ -107,7 +105,7 @@ class FieldTrial:
 
 @dataclass(frozen=True, eq=False)
 class FieldGradients:
-    """Derivatives of psi and of all constraints by the variables of all fields."""
+    """Derivatives of psi and of all constraints by the motions of all boundaries."""
 
     psi: Array  #: Of the logarithm, (n,) [1/m]
     values: Array  #: Of the constraints, not positive where they are satisfied, (rows,)
@@ -139,7 +137,7 @@ class FieldProblem:
         full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
         return full | dict(self.others)
 
-    def trial(self, fields: Mapping[str, BoundaryField]) -> FieldTrial:
+    def trial(self, fields: Mapping[str, MovingBoundary]) -> FieldTrial:
         """The ``fields`` meshed and evaluated; collective. Raises TrialFailed."""
         bodies = dict(self.problem.bodies)
         # what a trial warns of need not be true of the result
@@ -147,29 +145,16 @@ class FieldProblem:
             warnings.simplefilter("always")
             with shaping():
                 for name, field_ in fields.items():
-                    bodies[name] = self.problem.flexible[name].with_domain(self._mesh(field_))
+                    bodies[name] = self.problem.flexible[name].with_domain(
+                        field_.mesh(self.turn, fine=self.fine)
+                    )
                 problem = self.problem.with_bodies(bodies)
             with simulating():
                 evaluation = problem.value(self.point(problem))
         return replace(self.evaluated(fields, problem, evaluation), warned=tuple(warned))
 
-    def _mesh(self, boundary: BoundaryField) -> Domain:
-        """Triangles that fit a boundary, small in notches where that is asked for."""
-        if self.turn == math.inf:
-            return boundary.mesh()
-        options, part = self.options, boundary.part
-        # the meshes of steps in which no stress counts are coarser by a third
-        coarser = 1.3
-        enough = math.sqrt(4.0 / math.sqrt(3.0) * part.area / (coarser**2 * options.triangles))
-        size = min(options.triangle * boundary.space.member, enough)
-        if self.fine and self.turn < TURN:
-            size *= 0.5
-        domain = part.domain(size, across=options.triangle_across / coarser, turn=self.turn)
-        domain.whole = boundary.space.body
-        return domain
-
     def evaluated(
-        self, fields: Mapping[str, BoundaryField], problem: Problem, evaluation: Evaluation
+        self, fields: Mapping[str, MovingBoundary], problem: Problem, evaluation: Evaluation
     ) -> FieldTrial:
         """A trial that is evaluated, with its violations; collective."""
         problem, evaluation = problem.calibrated(evaluation)
@@ -180,7 +165,7 @@ class FieldProblem:
         violations = {n: float(c.violation) for n, c in evaluation.constraints.items()}
         for name, most in self.volume.items():
             area = problem.flexible[name].domain.area
-            violations[f"volume of {name}"] = area / fields[name].space.body.area / most - 1.0
+            violations[f"volume of {name}"] = area / fields[name].body.area / most - 1.0
         return FieldTrial(dict(fields), problem, evaluation, logarithm, violations, self.margins)
 
     def gradients(self, trial: FieldTrial) -> FieldGradients:
@@ -188,24 +173,27 @@ class FieldProblem:
         bodies = trial.problem.flexible
         problem, evaluation = trial.problem.adapted(trial.evaluation, parted)
         evaluation = problem.differentiate(evaluation, nodes=True, densities=False)
-        nodes = {n: FittedNodes(f, bodies[n].domain) for n, f in trial.fields.items()}
+        motions = {n: b.node_motion(bodies[n].domain) for n, b in trial.fields.items()}
 
-        def by_variables(of_nodes: Mapping[str, Array] | None) -> Array:
+        def by_motions(of_nodes: Mapping[str, Array] | None) -> Array:
             assert of_nodes is not None
             parts = [
-                nodes[name].pullback(of_nodes[name])
+                motions[name].pullback(of_nodes[name])
                 if name in of_nodes
-                else np.zeros(len(field_.variables))
-                for name, field_ in trial.fields.items()
+                else np.zeros(boundary.n_motions)
+                for name, boundary in trial.fields.items()
             ]
             return np.concatenate(parts)
 
-        bounds = [by_variables(bound.nodes) for bound in evaluation.constraints.values()]
-        bounds += [self._volume_slope(trial, name, most) for name, most in self.volume.items()]
+        bounds = [by_motions(bound.nodes) for bound in evaluation.constraints.values()]
+        for name, most in self.volume.items():
+            body = bodies[name]
+            by_nodes = body.measures_pullback(evaluation.bodies[name].density, None)
+            bounds.append(by_motions({name: by_nodes}) / (most * trial.fields[name].body.area))
         sizes = csr_matrix(block_diag([rows.slopes for rows in trial.rows.values()]))
         values = [rows.values for rows in trial.rows.values()]
         return FieldGradients(
-            trial.logarithm.slope(evaluation.psi) * by_variables(evaluation.nodes),
+            trial.logarithm.slope(evaluation.psi) * by_motions(evaluation.nodes),
             np.concatenate([*values, self._bound_values(trial, evaluation)]),
             csr_matrix(vstack([sizes, *(csr_matrix(row) for row in bounds)])),
             len(bounds),
@@ -225,15 +213,6 @@ class FieldProblem:
             values.append(float(bound.violation) + max(margins, default=0.0) + self.step_margin)
         volumes = [trial.with_margins[f"volume of {name}"] for name in self.volume]
         return np.array([*values, *volumes])
-
-    def _volume_slope(self, trial: FieldTrial, name: str, most: float) -> Array:
-        """The derivative of the volume of a body, relative to its bound, (n,) [1/m]."""
-        slopes = []
-        for other, field_ in trial.fields.items():
-            edge = field_.edge
-            share = 1.0 / (most * field_.space.body.area) if other == name else 0.0
-            slopes.append(share * (edge.rows.T @ edge.lengths))
-        return np.concatenate(slopes)
 
     def with_enough(
         self, trial: FieldTrial, tolerance: float | None, first: Mapping[str, int]

@@ -13,7 +13,7 @@ from typing import Any
 from shapely import GEOSException
 
 from ..boundary import Boundary, Surface
-from ..boundary_field import BoundaryField, FieldSpace, first_field
+from ..boundary_field import FieldSpace, MovingBoundary, first_field
 from ..design import LEAST, SHARP, Design, LevelSet
 from ..dynamics import SimulationError
 from ..fem import CurveError
@@ -109,9 +109,9 @@ def _drawn(
 
 def _fields(
     result: Result, designs: Mapping[str, Design], parts: dict[str, Part | Solid]
-) -> dict[str, BoundaryField]:
+) -> dict[str, MovingBoundary]:
     """The parts that designs in the plane enclose, as fields; the parts are added to ``parts``."""
-    boundaries = {}
+    boundaries: dict[str, MovingBoundary] = {}
     for name, design in designs.items():
         with warnings.catch_warnings():
             # the steps begin without loose pieces, and psi that is told is without them

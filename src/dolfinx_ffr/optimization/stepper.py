@@ -10,11 +10,11 @@ from typing import Any, NamedTuple, Protocol
 from shapely.geometry.base import BaseGeometry
 
 from ..boundary import Boundary, Surface
-from ..boundary_field import BoundaryField
+from ..boundary_field import MovingBoundary
 from ..part import Part, Solid
 from ..problem import Evaluation, Problem
 
-AnyBoundary = Boundary | Surface | BoundaryField
+AnyBoundary = Boundary | Surface | MovingBoundary
 
 
 #: Violation of bounds and of minimum sizes up to which a trial may be the best one: the accuracy of
