@@ -18,7 +18,7 @@ from shared.problems import Copy, slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import parallel, plotting
-from dolfinx_ffr.parallel import check_alike, on_every_rank, on_rank_0, same
+from dolfinx_ffr.parallel import check_alike, nearly_equal, on_every_rank, on_rank_0
 
 
 class Unportable(Exception):
@@ -162,7 +162,7 @@ def test_arguments_that_differ_are_named(comm: MPI.Intracomm) -> None:
     ],
 )
 def test_the_same_is_the_same_but_for_round_off(one: Any, other: Any, alike: bool) -> None:
-    assert same(one, other) is alike
+    assert nearly_equal(one, other) is alike
 
 
 def test_an_error_of_the_simulation_can_be_sent() -> None:

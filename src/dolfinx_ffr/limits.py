@@ -14,29 +14,29 @@ import resource
 from contextlib import suppress
 from pathlib import Path
 
-#: Environment variable: how many cells, points or curves are allowed whatever the machine
+#: Environment variable that allows more cells, points or curves, whatever the machine
 INSIST = "DOLFINX_FFR_MAX_CELLS"
-#: Most cells of a mesh: gmsh takes about ten minutes for as many triangles
+#: Largest number of cells of a mesh: gmsh takes about ten minutes for as many triangles
 MOST_CELLS = 4_000_000
-#: Most triangles of an outline that is drawn: a length in a wrong unit asks for hundreds of times
-#: as many as are meant, and a simulation with these already takes minutes
+#: Largest number of triangles of a drawn outline: a simulation with these takes minutes, and a
+#: length in a wrong unit asks for hundreds of times as many as are meant
 MOST_TRIANGLES = 100_000
-#: Most curves of a drawing, for which gmsh takes minutes
+#: Largest number of curves of a drawing, for which gmsh takes minutes
 MOST_CURVES = 20_000
-#: Most pairs of points that see each other, which take a minute
+#: Largest number of pairs of points within a radius, which take a minute
 MOST_PAIRS = 100_000_000
-#: Memory that such a pair takes, with copies on the way [bytes]
+#: Memory that a pair of points takes, with temporary copies [bytes]
 PAIR = 80
-#: Files in which a container's limit stands, of both versions of control groups.
+#: Files that hold a container's limit of memory, of both versions of control groups
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 
 class LimitError(ValueError):
-    """More of something was asked for than this machine takes in reasonable time."""
+    """A call asks for more cells, points or curves than this machine handles in minutes."""
 
 
 def available_memory(processes: int = 1) -> int:
-    """One process's share of the memory of the machine, or less by a limit [bytes]."""
+    """The share of one process in the machine's memory, or its own limit if lower [bytes]."""
     of_machine = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
     for file in _LIMITS:
         with suppress(OSError, ValueError):  # no such file, or "max"
@@ -47,7 +47,7 @@ def available_memory(processes: int = 1) -> int:
 
 
 def give_back_memory() -> None:
-    """Give what was freed back to the system: glibc keeps pieces of it, which grow in time."""
+    """Give freed memory back to the system; glibc keeps pieces of it, which grow in time."""
     with suppress(AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
 
@@ -73,28 +73,31 @@ def check_count(
     available: float | None = None,
     whose: str = "of this machine",
 ) -> None:
-    """Refuse more things than the memory holds, at ``each`` bytes, or than are made in minutes."""
+    """Refuse a ``count`` of things that exceeds the memory, at ``each`` bytes, or ``most``.
+
+    The environment variable `INSIST` replaces both limits.
+    """
     allowed = os.environ.get(INSIST, "").strip()
+    limit, fit_in_memory = most, math.inf
     if allowed:
         try:
-            most = float(allowed)
+            limit = float(allowed)
         except ValueError:
             raise ValueError(
                 f"the environment variable {INSIST} is {allowed!r}; give it a number"
             ) from None
-    room = math.inf
-    if each and not allowed:
-        room = (available_memory() if available is None else available) / each
-    if count <= min(most, room):
+    elif each:
+        fit_in_memory = (available_memory() if available is None else available) / each
+    if count <= min(limit, fit_in_memory):
         return
-    why = f"more than the {most:,.0f} that are made without being asked twice"
-    if room < most:
-        why = (
-            f"some {count * each / 1e9:,.3g} GB, more than the {room * each / 1e9:,.3g} GB {whose}"
-        )
-    shown = f"{count:,.0f}" if count < 1e15 else f"{count:.3g}"
+
+    reason = f"more than the {limit:,.0f} that are allowed by default"
+    if fit_in_memory < limit:
+        needed, free = count * each / 1e9, fit_in_memory * each / 1e9
+        reason = f"some {needed:,.3g} GB, more than the {free:,.3g} GB {whose}"
+    amount = f"{count:,.0f}" if count < 1e15 else f"{count:.3g}"
     raise LimitError(
-        f"{what}: some {shown} {things} are {why}; {remedy}, or allow more by the environment "
+        f"{what}: some {amount} {things} are {reason}; {remedy}, or allow more by the environment "
         f"variable {INSIST}"
     )
 
@@ -107,14 +110,14 @@ def check_pairs(
     remedy: str,
     available: float,
 ) -> None:
-    """Refuse a sparse matrix between two sets of points of which too many see each other.
+    """Refuse a sparse matrix between two sets of points with too many pairs within a radius.
 
-    They see as far as ``reach``, in distances of the points of the second set.
+    The radius is ``reach``, in units of the distance between neighbours in the second set.
     """
     unit_ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
-    side = min(reach, counts[1])  # so that no power overflows
-    near = min(counts[1], 1.0 + unit_ball * side**dimension)
+    radius = min(reach, counts[1])  # so that no power overflows
+    neighbours = min(counts[1], 1.0 + unit_ball * radius**dimension)
     pairs = "pairs of points within the radius"
     check_count(
-        what, counts[0] * near, pairs, remedy, each=PAIR, most=MOST_PAIRS, available=available
+        what, counts[0] * neighbours, pairs, remedy, each=PAIR, most=MOST_PAIRS, available=available
     )

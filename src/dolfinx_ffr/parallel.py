@@ -32,9 +32,9 @@ from .limits import available_memory
 ROUND_OFF = 1e-9
 #: A number in a text
 _NUMBER = re.compile(r"(\d+\.?\d*(?:e[-+]?\d+)?)")
-#: Characters of a long text that a message shows about the first difference
-_SHOWN = 60
-#: A rank that has waited so long for the others says what it waits for [s]
+#: Characters that a message shows of a long text on either side of the first difference
+_EXCERPT = 60
+#: Time after which a rank prints the call in which it waits for the others [s]
 _PATIENCE = 60.0
 
 
@@ -46,9 +46,12 @@ class _UnmatchedCall(RuntimeError):
 
 
 def _common_communicator(comm: MPI.Comm) -> MPI.Comm:
-    """Where ranks meet that come by different ways: each mesh has a communicator of its own."""
-    alike = MPI.Comm.Compare(comm, MPI.COMM_WORLD) in (MPI.IDENT, MPI.CONGRUENT)
-    return MPI.COMM_WORLD if alike else comm
+    """The communicator of all ranks in place of one that spans them, as that of each mesh does.
+
+    So ranks that make different collective calls meet in the same communicator.
+    """
+    spans_all_ranks = MPI.Comm.Compare(comm, MPI.COMM_WORLD) in (MPI.IDENT, MPI.CONGRUENT)
+    return MPI.COMM_WORLD if spans_all_ranks else comm
 
 
 def announce(comm: MPI.Comm, call: str) -> None:
@@ -61,21 +64,21 @@ def gathered(comm: MPI.Comm, call: str, value: Any) -> list[Any]:
     if comm.size == 1:
         return [value]
     by_rank = _exchanged(_common_communicator(comm), (call, value), call)
-    calls = [other for other, _ in by_rank]
+    calls = [rank_call for rank_call, _ in by_rank]
     if calls != [call] * comm.size:
-        callers = [rank for rank, other in enumerate(calls) if other == call]
+        callers = [rank for rank, rank_call in enumerate(calls) if rank_call == call]
         ranks = ", ".join(map(str, callers))
         raise _UnmatchedCall(
             f"{call} was called on rank {ranks} of {comm.size} only; it takes all ranks: call it "
             "outside of conditions that differ between ranks"
         )
-    return [other for _, other in by_rank]
+    return [rank_value for _, rank_value in by_rank]
 
 
 def _exchanged(comm: MPI.Comm, value: Any, call: str) -> list[Any]:
-    """The values of all ranks; who waits long for the others says once in which call.
+    """The values of all ranks; a rank that waits long for the others prints once in which call.
 
-    A rank whose program has ended, or that never makes the call, cannot be told from a slow one.
+    A rank whose program has ended, or that never makes the call, looks like a slow one.
     """
     alarm = threading.Timer(_PATIENCE, _say_who_waits, [comm.rank, comm.size, call])
     alarm.daemon = True
@@ -98,45 +101,49 @@ def _say_who_waits(rank: int, size: int, call: str) -> None:
 
 @contextmanager
 def on_every_rank(comm: MPI.Comm, what: str) -> Iterator[None]:
-    """A section at whose end an error that was raised on any rank is raised on all.
+    """Raise on all ranks, at the end of a section, an error that was raised in it on any rank.
 
-    It is the error of the lowest rank that fails, also by `sys.exit` or an interrupt; where all
-    fail by the same kind of error, each raises its own.
+    The error of the lowest rank that fails is raised, also if it is `sys.exit` or an interrupt;
+    where all ranks fail by the same kind of error, each raises its own.
     """
     if comm.size == 1:
         yield
         return
+
     announce(comm, what)
     comm = _common_communicator(comm)
-    mine: BaseException | None = None
+    own_error: BaseException | None = None
     try:
         yield
-    except BaseException as caught:  # whoever leaves by `sys.exit` would be waited for, too
-        mine = caught
+    except BaseException as caught:  # a rank that leaves by `sys.exit` would be waited for, too
+        own_error = caught
+
     # a rank that is still inside learns of the error by its next call that takes all ranks
-    kind = "" if mine is None else _kind(mine)
-    outcomes = _exchanged(comm, (None, kind), what)
+    own_kind = "" if own_error is None else _kind(own_error)
+    outcomes = _exchanged(comm, (None, own_kind), what)
     while any(call is not None for call, _ in outcomes):
-        outcomes = _exchanged(comm, (None, kind), what)
-    kinds = [other for _, other in outcomes]
+        outcomes = _exchanged(comm, (None, own_kind), what)
+    kinds = [kind for _, kind in outcomes]
     failed = [rank for rank, kind in enumerate(kinds) if kind]
     if not failed:
         return
+    if own_error is not None and kinds == [own_kind] * comm.size:
+        raise own_error
+
     # unmatched calls follow from another error, if there is one
     source = min(failed, key=lambda rank: (kinds[rank] == _kind(_UnmatchedCall()), rank))
-    if mine is not None and kinds == [kind] * comm.size:
-        raise mine
-    sent = _portable(mine) if comm.rank == source else None
+    sent = _portable(own_error) if comm.rank == source else None
     error = comm.bcast(sent, root=source)
     if sent is None:
         error.add_note(f"raised on rank {source} of {comm.size}")
         raise error
-    if sent is mine:
+    if sent is own_error:
         raise sent
-    raise sent from mine
+    raise sent from own_error
 
 
 def _kind(error: BaseException) -> str:
+    """The class of an error, with its module."""
     return f"{type(error).__module__}.{type(error).__qualname__}"
 
 
@@ -150,7 +157,7 @@ def _portable(error: BaseException | None) -> BaseException | None:
 
 
 def on_rank_0(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
-    """What ``action`` returns on rank 0, on every rank of ``comm``; or raise what it raises."""
+    """Run an ``action`` on rank 0; return its result, or raise its error, on every rank."""
     result = None
     with on_every_rank(comm, "writing or reading a file"):
         if comm.rank == 0:
@@ -185,27 +192,27 @@ def check_alike(
     }
     by_rank = gathered(comm, where, texts)
     for name in dict.fromkeys(name for texts in by_rank for name in texts):
-        first = by_rank[0].get(name, "nothing")
+        on_root = by_rank[0].get(name, "nothing")
         for rank, texts in enumerate(by_rank):
-            other = texts.get(name, "nothing")
-            if not same(first, other, tolerance):
-                here, there = _beside(first, other)
+            on_rank = texts.get(name, "nothing")
+            if not nearly_equal(on_root, on_rank, tolerance):
+                root_excerpt, rank_excerpt = _first_difference(on_root, on_rank)
                 raise ValueError(
-                    f"{where}: {name} differs between the ranks: {here} on rank 0, and {there} on "
-                    f"rank {rank}; give the same on every rank"
+                    f"{where}: {name} differs between the ranks: {root_excerpt} on rank 0, and "
+                    f"{rank_excerpt} on rank {rank}; give the same on every rank"
                 )
 
 
-def _beside(first: str, other: str) -> tuple[str, str]:
-    """What stands in two texts around their first difference."""
-    pairs = zip(first, other, strict=False)
+def _first_difference(one: str, other: str) -> tuple[str, str]:
+    """Excerpts of two texts around their first difference."""
+    pairs = zip(one, other, strict=False)
     place = next((i for i, (a, b) in enumerate(pairs) if a != b), 0)
-    cut = slice(max(0, place - _SHOWN), place + _SHOWN)
-    return first[cut], other[cut]
+    excerpt = slice(max(0, place - _EXCERPT), place + _EXCERPT)
+    return one[excerpt], other[excerpt]
 
 
-def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool:
-    """Whether two arrays or texts are the same but for the round-off of the numbers in them.
+def nearly_equal(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool:
+    """Whether two arrays or texts are equal but for the round-off of the numbers in them.
 
     The tolerance is relative to the largest number of an array. Whole numbers must be equal.
     """
@@ -213,7 +220,7 @@ def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool
     if a.shape != b.shape:
         return False
     if a.dtype.kind == "U" and b.dtype.kind == "U":
-        return _same_text(str(a), str(b), tolerance)
+        return _nearly_equal_texts(str(a), str(b), tolerance)
     if a.dtype.kind != "f" or b.dtype.kind != "f":
         return bool(np.array_equal(a, b))
     if np.array_equal(a, b, equal_nan=True):
@@ -221,27 +228,28 @@ def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool
     return bool(np.max(np.abs(a - b)) <= tolerance * np.max(np.abs(b)))
 
 
-def _same_text(one: str, other: str, tolerance: float) -> bool:
+def _nearly_equal_texts(one: str, other: str, tolerance: float) -> bool:
     """Whether two texts differ in the last digits of their numbers at most."""
-    a, b = _NUMBER.split(one), _NUMBER.split(other)
-    if a[::2] != b[::2]:
+    pieces, other_pieces = _NUMBER.split(one), _NUMBER.split(other)
+    if pieces[::2] != other_pieces[::2]:  # the words between the numbers
         return False
-    for first, second in zip(a[1::2], b[1::2], strict=True):
-        whole = first.isdigit() and second.isdigit()  # it counts something
-        if first != second and (whole or not same(float(first), float(second), tolerance)):
+    for a, b in zip(pieces[1::2], other_pieces[1::2], strict=True):
+        counts = a.isdigit() and b.isdigit()  # whole numbers count something
+        if a != b and (counts or not nearly_equal(float(a), float(b), tolerance)):
             return False
     return True
 
 
 def alike(one: object, other: object) -> bool:
     """Whether two objects hold the same numbers and texts, but for round-off."""
-    return one is other or same(in_words(one, arrays=True), in_words(other, arrays=True))
+    return one is other or nearly_equal(in_words(one, arrays=True), in_words(other, arrays=True))
 
 
 def in_words(value: Any, *, arrays: bool = False) -> str:
-    """Numbers and texts in an object, and the kinds of its other parts, as a text.
+    """A text of the numbers and texts in an object, and of the classes of its other parts.
 
-    Of ``arrays``, which may differ between ranks, only the kind stands there by default.
+    Arrays, which may differ between ranks, stand in it by their class alone unless ``arrays`` asks
+    for their norms.
     """
     try:
         return _words(value, arrays)

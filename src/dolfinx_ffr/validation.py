@@ -23,10 +23,12 @@ from .arrays import Array
 
 T = TypeVar("T")
 
-#: Lengths of directions below this count as zero, and beyond one over it as too long.
-_SHORTEST = 1e-12
-#: Deviation of a matrix from one of a rotation, of six digits, and of all of them.
-_ROUNDED, _EXACT = 1e-5, 1e-14
+#: Shortest and longest vector that gives a direction, whose squares neither under- nor overflow
+_SHORTEST, _LONGEST = 1e-12, 1e12
+#: Largest entry of R^T R - 1 for a rotation whose entries are rounded to six digits
+_ROUNDED = 1e-5
+#: Largest entry of R^T R - 1 that is round-off of double precision
+_EXACT = 1e-14
 
 
 def described(value: Any) -> str:
@@ -87,9 +89,9 @@ def _range(above: float, least: float, below: float, most: float) -> str:
         return f"be above {low:g}" if above == low else f"be at least {low:g}"
     if low == -math.inf:
         return f"be below {high:g}" if below == high else f"be at most {high:g}"
-    excluded = [f"{end:g}" for end, given in ((low, above), (high, below)) if end == given]
-    without = ["", f", {excluded[0]} excluded" if excluded else "", ", both excluded"]
-    return f"lie between {low:g} and {high:g}{without[len(excluded)]}"
+    excluded = [f"{end:g}" for end, open_end in ((low, above), (high, below)) if end == open_end]
+    exception = ["", f", {excluded[0]} excluded" if excluded else "", ", both excluded"]
+    return f"lie between {low:g} and {high:g}{exception[len(excluded)]}"
 
 
 def integer(label: str, value: Any, *, least: float = 0) -> int:
@@ -135,15 +137,15 @@ def names(label: str, value: Any) -> list[str]:
     return sorted(texts) if isinstance(value, set | frozenset) else texts
 
 
-def keywords(label: str, given: Iterable[str], *takers: Callable[..., Any]) -> None:
-    """Refuse options that none of the functions takes by name, with the name that is meant."""
-    by_name = (Parameter.KEYWORD_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
-    parameters = [p for taker in takers for p in signature(taker).parameters.values()]
-    options = [p.name for p in parameters if p.kind in by_name]
-    for option in given:
+def keywords(label: str, names: Iterable[str], *functions: Callable[..., Any]) -> None:
+    """Refuse names of options that none of the functions takes, and suggest the nearest one."""
+    named = (Parameter.KEYWORD_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    parameters = [p for function in functions for p in signature(function).parameters.values()]
+    options = [p.name for p in parameters if p.kind in named]
+    for option in names:
         if option not in options:
-            near = get_close_matches(option, options, 1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(options)}"
+            matches = get_close_matches(option, options, 1)
+            hint = f"did you mean {matches[0]!r}?" if matches else f"there are {', '.join(options)}"
             raise TypeError(f"{label} has no option {option!r}; {hint}")
 
 
@@ -163,8 +165,8 @@ def choice(label: str, value: Any, options: Iterable[str]) -> str:
     """One of several words."""
     words = list(options)
     if name(label, value) not in words:
-        one = " or ".join(map(repr, words)) if len(words) < 3 else f"one of {words}"
-        raise ValueError(f"{label} must be {one}, but it is {value!r}")
+        needed = " or ".join(map(repr, words)) if len(words) < 3 else f"one of {words}"
+        raise ValueError(f"{label} must be {needed}, but it is {value!r}")
     return str(value)
 
 
@@ -177,7 +179,7 @@ def real_array(
 ) -> Array:
     """An array of finite real numbers of a shape, in which None stands for any length.
 
-    The message says what is ``expected`` instead of the shape.
+    The text ``expected`` replaces the shape in the message.
     """
     array = numbers(label, value)
     if shape is not None and not (
@@ -185,8 +187,8 @@ def real_array(
         and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
     ):
         lengths = ", ".join("n" if n is None else str(n) for n in shape)
-        wanted = expected or f"shape ({lengths}{',' if len(shape) == 1 else ''})"
-        raise ValueError(f"{label} must have {wanted}, but it has shape {array.shape}")
+        needed = expected or f"shape ({lengths}{',' if len(shape) == 1 else ''})"
+        raise ValueError(f"{label} must have {needed}, but it has shape {array.shape}")
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{label} holds NaN or infinity")
     return array
@@ -201,14 +203,14 @@ def numbers(label: str, value: Any) -> Array:
     except ValueError as error:
         raise ValueError(f"{label} must be an array, but its rows differ in length") from error
     if array.dtype.kind not in "biuf":
-        holds = {"c": "complex numbers", "U": "texts", "S": "texts"}.get(array.dtype.kind)
-        shown = f"it holds {holds}" if holds and array.ndim else f"it is {described(value)}"
-        raise TypeError(f"{label} must hold real numbers, but {shown}")
+        entries = {"c": "complex numbers", "U": "texts", "S": "texts"}.get(array.dtype.kind)
+        reason = f"it holds {entries}" if entries and array.ndim else f"it is {described(value)}"
+        raise TypeError(f"{label} must hold real numbers, but {reason}")
     return np.asarray(array, dtype=np.float64)
 
 
 def refuse_masked(label: str, value: Any) -> None:
-    """Refuse masked entries, which NumPy would replace by whatever stands below the mask."""
+    """Refuse masked entries, which NumPy would replace by the values below the mask."""
     rows = value if isinstance(value, list | tuple) else [value]
     arrays = [row for row in rows if isinstance(row, np.ma.MaskedArray)]
     if masked := sum(int(np.sum(np.ma.getmaskarray(array))) for array in arrays):
@@ -224,13 +226,13 @@ def direction(label: str, value: Any, dimension: int, *, expected: str = "") -> 
     length = math.hypot(*vector)
     if not length > _SHORTEST:
         raise ValueError(f"{label} has no length; give a direction, of any length")
-    if length > 1.0 / _SHORTEST:
+    if length > _LONGEST:
         raise ValueError(f"{label} is too long, {length:.3g}; give a direction, as a unit vector")
     return tuple(vector.tolist())
 
 
 def rotation(label: str, value: Any) -> Array:
-    """The matrix of a rotation, shape (3, 3); of a rounded one that of the nearest rotation."""
+    """The matrix of a rotation, shape (3, 3); a rounded matrix becomes the nearest rotation."""
     matrix = nearest_rotation(real_array(label, value, (3, 3)))
     if np.max(np.abs(matrix.T @ matrix - np.eye(3))) > _ROUNDED or np.linalg.det(matrix) < 0.0:
         raise ValueError(
@@ -241,7 +243,7 @@ def rotation(label: str, value: Any) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """The rotation nearest to a matrix that is one but for rounding; any other as it is."""
+    """The rotation nearest to a matrix that is a rotation but for rounding; else the matrix."""
     defect = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
     if not _EXACT < defect < _ROUNDED:
         return matrix
@@ -268,7 +270,7 @@ def instances(label: str, value: Any, kind: type[T] | tuple[type[T], ...], neede
 
 
 def listed(label: str, value: Any, needed: str) -> list[Any]:
-    """The entries of a list, an array, a set, values of a mapping and the like."""
+    """The entries of a list, an array, a set or the values of a mapping."""
     no_list = isinstance(value, str | bytes | Mapping | type) or not isinstance(value, Collection)
     if no_list or (isinstance(value, np.ndarray) and value.ndim == 0):
         raise _refused(label, needed, value)
@@ -290,7 +292,7 @@ def instances_by_name(
     """A mapping from names to objects of a class."""
     entries = by_name(label, value, needed)
     for key, entry in entries.items():
-        instance(f"{label}: that of {key!r}", entry, kind, needed)
+        instance(f"{label}: {key!r}", entry, kind, needed)
     return entries
 
 

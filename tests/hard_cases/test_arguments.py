@@ -500,11 +500,9 @@ class Scene:
             paper.ApproximateGradient,
             "compare_every solver batch",
             elements=(None, 0.3, "grid"),
-            kernel=(1.0, "gaussian"),
+            kernel=(1.0, "gaussian", np.sin),
             degree=("1", 1.5, -2, True),
-            tolerance=optional,
             band=optional,
-            largest_share=(*SHARE, 0.0),
         )
         points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.7, 0.6]])
         yield row(

@@ -104,28 +104,12 @@ def test_estimate_follows_the_true_error(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.mpi
-def test_refinement_until_the_tolerance(comm: MPI.Comm) -> None:
-    """Elements are added where the estimate is worst, until it holds or the share is used up."""
-    scene = holed(comm)
-    plain, refined, bounded = (
-        approximate(*scene, share=0.15, compare_every=1, **options)[1]
-        for options in ({}, {"tolerance": 0.05}, {"tolerance": 0.05, "largest_share": 0.3})
-    )
-    assert plain.errors is not None and refined.errors is not None
-    assert refined.estimate <= 0.05 < plain.estimate
-    assert refined.errors.l2 < 0.5 * plain.errors.l2
-    assert plain.elements < bounded.elements < refined.elements
-    assert bounded.share <= 0.3
-
-
-@pytest.mark.mpi
 def test_same_on_any_number_of_ranks(comm: MPI.Comm) -> None:
     """Selection, gradient and estimate are those of one rank."""
     found = []
     for ranks in (comm, MPI.COMM_SELF):
         scene = holed(ranks)
-        options = {"kernel": ffr.ExponentialSpline(0.1), "tolerance": 0.3}
-        gradient, report = approximate(*scene, share=0.3, **options)
+        gradient, report = approximate(*scene, share=0.3, kernel=ffr.ExponentialSpline(0.1))
         domain = scene[0].flexible["rod"].domain
         local = (domain.centroids, report.selected, gradient)
         found.append([*map(domain.everywhere, local), report.estimate])

@@ -22,7 +22,7 @@ from .. import validation
 from ..arrays import Array
 from ..boundary import Boundary, Surface
 from ..objective import is_stress
-from ..parallel import same
+from ..parallel import nearly_equal
 from ..part import TURN, PartViolation, PartWarning
 from ..problem import Problem
 from .checkpoint import Checkpoint
@@ -264,7 +264,7 @@ class BoundaryPhase:
             return None
         start = without_prefix("start", section)
         if start.keys() != self._identity.keys() or not all(
-            same(start[name], array, _SAME) for name, array in self._identity.items()
+            nearly_equal(start[name], array, _SAME) for name, array in self._identity.items()
         ):
             raise self._checkpoint.of_another_problem(
                 "the boundaries with which its steps began are none of this run"

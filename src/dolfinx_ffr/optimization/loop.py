@@ -22,7 +22,7 @@ from .. import validation
 from ..arrays import Array, Mask
 from ..design import Design, Variables
 from ..fem import Domain
-from ..parallel import check_alike, on_every_rank, on_rank_0, same
+from ..parallel import check_alike, nearly_equal, on_every_rank, on_rank_0
 from ..problem import Evaluation, Problem
 from .checkpoint import Checkpoint
 from .enough_modes import (
@@ -364,14 +364,16 @@ class DesignLoop:
                 warn(f"optimize: there is no checkpoint {path} to go on from: the run begins anew")
             return None
         for key, value in self._identity.items():
-            if key not in data or not same(data[key], value):
+            if key not in data or not nearly_equal(data[key], value):
                 raise self.checkpoint.of_another_problem(f"it differs in {key!r}")
         self.stage_iterations = float(data.get("stage_iterations", np.nan))
         began = data.get("start", np.zeros(0))
-        self._other_start = bool(self._start.size and began.size) and not same(began, self._start)
+        self._other_start = bool(self._start.size and began.size) and not nearly_equal(
+            began, self._start
+        )
         self._start = began
         modes = dict(zip(self.problem.flexible, map(int, data["modes"]), strict=True))
-        if not same(self._modes, data["modes"]):
+        if not nearly_equal(self._modes, data["modes"]):
             self.problem = self.problem.with_modes(modes)
         self._mode_error = float(data["mode_error"])
         self.problem = with_methods(self.problem, data.get("steps", []))

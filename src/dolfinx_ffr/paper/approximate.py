@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The paper's approximate gradient, with its error shown.
+"""The paper's approximate gradient, with an estimate of its error.
 
 Exact values are computed at selected elements (`GradientElements`, `elementwise_gradient`). Between
 them the gradient per area is a linear combination of radial basis functions,
@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 from mpi4py import MPI
 
@@ -40,12 +40,10 @@ from .elementwise import elementwise_gradient
 from .mode_derivatives import SOLVERS, Solver
 from .rbf_interpolation import ScatteredInterpolation, best_length
 
-#: Share of the selected elements beside which one more is selected in a round of refinement
-REFINED = 0.25
 #: Part of the share that goes to the grid where no spacing is given; the band takes the rest
 GRID_PART = 0.25
-#: A grid point lies in the body, or within about one element of it, if its distance from the
-#: nearest centroid is at most this many sizes of that cell
+#: Largest distance of a grid point from the nearest centroid, in sizes of that cell, for which it
+#: lies in the body or within about one element of it
 NEAR = 1.5
 #: Coordinates and distances that differ by less than this part of a mean element are equal
 ROUND_OFF = 1e-6
@@ -89,10 +87,11 @@ class GradientElements:
     def __post_init__(self) -> None:
         if self.grid is None and self.band is None and self.share is None:
             raise ValueError("gradient elements: give a grid spacing, a band or a share")
-        for name, most, unit in (("grid", np.inf, "m"), ("band", np.inf, "m"), ("share", 1.0, "")):
-            if (value := getattr(self, name)) is not None:
-                what = f"gradient elements: {name}"
-                validation.number(what, value, above=0.0, most=most, unit=unit)
+        for name in ("grid", "band"):
+            if (length := getattr(self, name)) is not None:
+                validation.number(f"gradient elements: {name}", length, above=0.0, unit="m")
+        if self.share is not None:
+            validation.number("gradient elements: share", self.share, above=0.0, most=1.0)
         if self.share is not None and self.band is not None:
             raise ValueError(
                 "gradient elements: a share widens or narrows the band by itself; give either a "
@@ -102,8 +101,9 @@ class GradientElements:
     def select(self, domain: Domain, distance: ArrayLike | None = None) -> Mask:
         """Which cells of a ``domain`` on this rank are selected, shape (cells,).
 
-        The signed or absolute ``distance`` of their centroids from the active boundary, shape
-        (cells,) [m], is such as `LevelSet.distance`; None, or infinite in all cells: there is none.
+        The ``distance`` of their centroids from the active boundary, signed or absolute, is such as
+        `LevelSet.distance`, shape (cells,) [m]. None, or infinity in all cells, means that there is
+        no boundary.
         """
         away = self._check(domain, distance)
         # arrays of the cells of all ranks
@@ -113,9 +113,9 @@ class GradientElements:
         selected = np.zeros(len(design), dtype=bool)
         spacing = self.grid
         if spacing is None and self.share is not None:
-            wanted = designed * self.share * (1.0 if away is None else GRID_PART)
+            grid_points = designed * self.share * (1.0 if away is None else GRID_PART)
             area = domain.sum(np.where(domain.design_cells, domain.cell_volumes, 0.0))
-            spacing = math.sqrt(area / wanted)
+            spacing = math.sqrt(area / grid_points)
         if spacing is not None:
             selected[_nearest_cells(domain, spacing, eps)] = True
             selected &= design
@@ -174,11 +174,13 @@ def _nearest_cells(domain: Domain, spacing: float, eps: float) -> Integers:
     x, areas = map(domain.everywhere, (domain.centroids, domain.cell_volumes))
     tree = cKDTree(x)
     nearest = tree.query(points)[0]
-    found = tree.query_ball_point(points, nearest + eps)
-    point = np.repeat(np.arange(len(points)), list(map(len, found)))
-    cell = np.concatenate(list(found)).astype(np.int64)
+    candidates = tree.query_ball_point(points, nearest + eps)  # of each point of the grid
+    point = np.repeat(np.arange(len(points)), list(map(len, candidates)))
+    cell = np.concatenate(list(candidates)).astype(np.int64)
     close = nearest[point] <= NEAR * np.sqrt(areas[cell]) + eps
     point, cell = point[close], cell[close]
+
+    # of equally near cells first the one next to the middle, then the one of least coordinates
     for key in (np.linalg.norm(x - 0.5 * (low + high), axis=1), x[:, 0], x[:, 1]):
         least = np.full(len(points), np.inf)
         np.minimum.at(least, point, key[cell])
@@ -198,9 +200,6 @@ class ApproximateGradient:
         kernel: Radial basis function; or its class, whose length is then chosen by leaving out
             (about twenty lengths are tried, which takes long with more than a thousand elements).
         degree: Degree of the polynomial, -1 for none; None takes the least that the kernel needs.
-        tolerance: Estimated error above which further elements are selected, up to
-            ``largest_share``; None: no.
-        largest_share: Share of the designed elements that refinement does not exceed.
         compare_every: Iterations after which the true error is measured with the exact adjoint; 0:
             never.
         band: Half-width of the band around the active boundary for which errors are reported as
@@ -214,8 +213,6 @@ class ApproximateGradient:
     elements: GradientElements = field(default_factory=lambda: GradientElements(share=0.35))
     kernel: Kernel | Callable[[float], Kernel] = ExponentialSpline
     degree: int | None = None
-    tolerance: float | None = None
-    largest_share: float = 1.0
     compare_every: int = 0
     band: float | None = None
     solver: Solver = "bordered"
@@ -223,120 +220,111 @@ class ApproximateGradient:
     progress: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
-        what, needed = "approximate gradient", "GradientElements(...)"
-        validation.instance(f"{what}: elements", self.elements, GradientElements, needed)
-        if not callable(self.kernel):
-            check_kernel(what, self.kernel)
+        label, needed = "approximate gradient", "GradientElements(...)"
+        validation.instance(f"{label}: elements", self.elements, GradientElements, needed)
+        if not isinstance(self.kernel, type):
+            check_kernel(label, self.kernel)
         if self.degree is not None:
-            validation.integer(f"{what}: degree", self.degree, least=-1)
-        for name in ("tolerance", "band"):
-            if getattr(self, name) is not None:
-                validation.number(f"{what}: {name}", getattr(self, name), above=0.0)
-        validation.number(f"{what}: largest_share", self.largest_share, above=0.0, most=1.0)
-        validation.integer(f"{what}: compare_every", self.compare_every)
-        validation.choice(f"{what}: solver", self.solver, SOLVERS)
-        validation.integer(f"{what}: batch", self.batch, least=1)
+            validation.integer(f"{label}: degree", self.degree, least=-1)
+        if self.band is not None:
+            validation.number(f"{label}: band", self.band, above=0.0)
+        validation.integer(f"{label}: compare_every", self.compare_every)
+        validation.choice(f"{label}: solver", self.solver, SOLVERS)
+        validation.integer(f"{label}: batch", self.batch, least=1)
 
     def __call__(
         self, problem: Problem, evaluation: Evaluation, distance: Distance, iteration: int
     ) -> tuple[Evaluation, dict[str, GradientReport]]:
         start = perf_counter()
-        gradient, reports = {}, {}
+        gradients, reports = {}, {}
         for name in problem.flexible:
-            found = self._approximate(problem, evaluation, name, distance(name))
-            gradient[name], reports[name] = found
+            gradients[name], reports[name] = self._approximate(
+                problem, evaluation, name, distance(name)
+            )
         seconds = {**evaluation.seconds, "approximate gradient": perf_counter() - start}
         if self.compare_every and iteration % self.compare_every == 0:
             exact = problem.differentiate(evaluation).gradient or {}
             for name, body in problem.flexible.items():
-                compared = body.domain, gradient[name], exact[name]
-                design, away = body.domain.design_cells, distance(name)
-                report = replace(reports[name], errors=gradient_errors(*compared, design))
-                if away is not None:
-                    near = design & (np.abs(away) <= (self.band or 2.0 * body.domain.cell_size))
-                    report = replace(report, band_errors=gradient_errors(*compared, near))
-                reports[name] = report
-        return replace(evaluation, gradient=gradient, seconds=seconds), reports
+                reports[name] = self._compared(
+                    reports[name], body.domain, gradients[name], exact[name], distance(name)
+                )
+        return replace(evaluation, gradient=gradients, seconds=seconds), reports
 
     def _approximate(
         self, problem: Problem, evaluation: Evaluation, name: str, distance: Array | None
     ) -> tuple[Array, GradientReport]:
         """The gradient of one body, shape (cells,), and its report."""
         domain = problem.flexible[name].domain
-        designed = int(np.count_nonzero(domain.everywhere(domain.design_cells)))
-        selected = domain.everywhere(self.elements.select(domain, distance))
-        known = np.zeros(len(selected), dtype=bool)
+        selected = self.elements.select(domain, distance)
+        exact = elementwise_gradient(
+            problem,
+            evaluation,
+            {name: selected},
+            solver=self.solver,
+            batch=self.batch,
+            progress=self.progress,
+        )[name]
         values = np.zeros(domain.n_cells)
-        method = self
-        how: dict[str, Any] = {"solver": self.solver, "batch": self.batch}
-        while True:
-            cells = {name: domain.owned(selected & ~known)}
-            exact = elementwise_gradient(problem, evaluation, cells, progress=self.progress, **how)
-            found = exact[name]
-            values[found.cells] = found.values
-            known |= selected
-            through = _Interpolated(method, domain, known, domain.everywhere(values))
-            method = replace(self, kernel=through.kernel)  # its length is chosen once
-            free = int(self.largest_share * designed) - through.report.elements
-            if self.tolerance is None or through.report.estimate <= self.tolerance or free <= 0:
-                return domain.owned(through.gradient), through.report
-            selected = known.copy()
-            selected[through.worst(free)] = True
+        values[exact.cells] = exact.values
+        return self._interpolate(domain, selected, values)
 
-    def interpolate(
+    def _interpolate(
         self, domain: Domain, selected: Mask, values: Array
     ) -> tuple[Array, GradientReport]:
-        """The gradient of all elements of this rank from exact ``values`` at some, and a report.
+        """The gradient of all elements from the exact ``values`` of those ``selected``.
 
-        The elements of ``domain`` whose derivatives are known are ``selected``. All arrays have
-        shape (cells,); the gradient is zero at elements that are not designed.
+        All arrays have shape (cells,); the gradient is zero at elements that are not designed.
         """
-        through = _Interpolated(self, domain, *map(domain.everywhere, (selected, values)))
-        return domain.owned(through.gradient), through.report
-
-
-class _Interpolated:
-    """The gradient of one body from exact values at known elements, (cells of all ranks,)."""
-
-    def __init__(
-        self, method: ApproximateGradient, domain: Domain, known: Mask, values: Array
-    ) -> None:
-        design = domain.everywhere(domain.design_cells)
-        points, areas = domain.everywhere(domain.centroids), domain.everywhere(domain.cell_volumes)
+        # arrays of the cells of all ranks
+        known, values, design, points, areas = map(
+            domain.everywhere,
+            (selected, values, domain.design_cells, domain.centroids, domain.cell_volumes),
+        )
+        unknown = design & ~known
         density = values[known] / areas[known]
-        kernel = method.kernel
-        if isinstance(kernel, type):  # its length is chosen by leaving out; a thin plate has none
-            given = {"points": points[known], "values": density, "degree": method.degree}
-            kernel = kernel() if kernel is ThinPlate else kernel(best_length(kernel, **given))
-        self.kernel = cast(Kernel, kernel)
-        through = ScatteredInterpolation(points[known], self.kernel, degree=method.degree)
-        rest = design & ~known
-        self.gradient = np.where(known, values, 0.0)
-        self.gradient[rest] = areas[rest] * through(density, points[rest])
-        self._rest = np.flatnonzero(rest)
-        self._away, self._nearest = cKDTree(points[known]).query(points[rest])
-        self._expected = np.abs(through.leave_one_out(density))[self._nearest] * areas[rest]
-        size, count = float(np.linalg.norm(self.gradient)), int(np.count_nonzero(known))
-        self.report = GradientReport(
+        interpolation = ScatteredInterpolation(
+            points[known], self._kernel(points[known], density), degree=self.degree
+        )
+        gradient = np.where(known, values, 0.0)
+        gradient[unknown] = areas[unknown] * interpolation(density, points[unknown])
+
+        # the error of an unknown element is that of the nearest known one
+        nearest = cKDTree(points[known]).query(points[unknown])[1]
+        errors = areas[unknown] * interpolation.leave_one_out(density)[nearest]
+        norm, count = float(np.linalg.norm(gradient)), int(np.count_nonzero(known))
+        kernel = interpolation.kernel
+        return domain.owned(gradient), GradientReport(
             elements=count,
             share=count / int(np.count_nonzero(design)),
-            selected=domain.owned(known),
-            estimate=float(np.linalg.norm(self._expected)) / size if size > 0.0 else 0.0,
-            length=float(getattr(self.kernel, "length", getattr(self.kernel, "radius", math.nan))),
-            condition=through.condition,
+            selected=selected,
+            estimate=float(np.linalg.norm(errors)) / norm if norm > 0.0 else 0.0,
+            length=float(getattr(kernel, "length", getattr(kernel, "radius", math.nan))),
+            condition=interpolation.condition,
         )
 
-    def worst(self, free: int) -> Integers:
-        """Which elements to add where the expected error is largest, ``free`` at most."""
-        count = self.report.elements
-        total = np.bincount(self._nearest, self._expected**2, minlength=count)
-        wanted = min(max(int(REFINED * count), 1), free, int(np.count_nonzero(total)))
-        # equal ones, as in a symmetric body, in the order of the mesh in spite of round-off
-        places = np.argsort(-np.round(total / np.max(total, initial=1e-300), 9), kind="stable")
-        # in the neighborhood of each of them, the element that is farthest away
-        order = np.lexsort((-self._away, self._nearest))
-        first = order[np.searchsorted(self._nearest[order], places[:wanted])]
-        return np.asarray(self._rest[first], dtype=np.int64)
+    def _kernel(self, points: Array, values: Array) -> Kernel:
+        """The kernel; of a class, with the length at which leaving out errs least."""
+        if not isinstance(self.kernel, type):
+            return cast(Kernel, self.kernel)
+        if self.kernel is ThinPlate:  # it has no length
+            return ThinPlate()
+        return self.kernel(best_length(self.kernel, points, values, degree=self.degree))
+
+    def _compared(
+        self,
+        report: GradientReport,
+        domain: Domain,
+        gradient: Array,
+        exact: Array,
+        distance: Array | None,
+    ) -> GradientReport:
+        """The report with the true errors, also in the band around the boundary if there is one."""
+        design = domain.design_cells
+        report = replace(report, errors=gradient_errors(domain, gradient, exact, design))
+        if distance is None:
+            return report
+        in_band = design & (np.abs(distance) <= (self.band or 2.0 * domain.cell_size))
+        return replace(report, band_errors=gradient_errors(domain, gradient, exact, in_band))
 
 
 def gradient_errors(domain: Domain, gradient: Array, exact: Array, cells: Mask) -> GradientErrors:
@@ -356,10 +344,10 @@ def gradient_errors(domain: Domain, gradient: Array, exact: Array, cells: Mask) 
                 f"gradient errors: cells must be True or False for each of {domain.n_cells} cells"
             )
     a, b = a[mask], b[mask]
-    d: Array = a - b
-    aa, bb, ab, dd = map(domain.sum, (a * a, b * b, a * b, d * d))
-    ends = [float(np.max(np.abs(v), initial=0.0)) for v in (b, d)]
-    largest, worst = map(max, zip(*domain.comm.allgather(ends), strict=True))
+    difference: Array = a - b
+    aa, bb, ab, dd = map(domain.sum, (a * a, b * b, a * b, difference * difference))
+    maxima = [float(np.max(np.abs(v), initial=0.0)) for v in (b, difference)]
+    largest, worst = map(max, zip(*domain.comm.allgather(maxima), strict=True))
     if bb == 0.0:
         return GradientErrors(math.nan, math.nan, math.nan)
     cosine = ab / math.sqrt(aa * bb) if aa > 0.0 else math.nan

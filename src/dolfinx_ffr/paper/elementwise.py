@@ -67,15 +67,15 @@ class IntegralDerivatives:
     K: Array
     markers: dict[str, tuple[Array, Array]] = field(default_factory=dict)
 
-    def motion_part(self, bar: VolumeIntegrals) -> Array:
-        """The inner product with derivatives ``bar`` by mass, S, G, N and K, shape (cells,)."""
+    def through_integrals(self, bar: VolumeIntegrals) -> Array:
+        """Pull derivatives ``bar`` by mass, S, G, N and K back to the densities, shape (cells,)."""
         total = bar.mass * self.mass
-        for own, other in ((self.S, bar.S), (self.G, bar.G), (self.N, bar.N), (self.K, bar.K)):
-            total = total + np.einsum("cab,ab->c", own, other)
+        for name in "SGNK":
+            total = total + np.einsum("cab,ab->c", getattr(self, name), getattr(bar, name))
         return total
 
-    def kinematic_part(self, bar: VolumeIntegrals) -> Array:
-        """The inner product with derivatives ``bar`` by the markers' shape functions, (cells,)."""
+    def through_markers(self, bar: VolumeIntegrals) -> Array:
+        """Pull derivatives ``bar`` by the markers' shape functions back to densities, (cells,)."""
         total = np.zeros(len(self.cells))
         for name, (displacement, rotation) in self.markers.items():
             total += np.einsum("cka,ka->c", displacement, bar.markers[name].displacement)
@@ -130,9 +130,9 @@ def integral_derivatives(
     """
     check_reduced("integral derivatives", body, reduced)
     if body.domain.dimension == 3 or body.stiffening is not None:
-        what = "geometric stiffness" if body.domain.dimension == 2 else "bodies in space"
+        missing = "geometric stiffness" if body.domain.dimension == 2 else "bodies in space"
         raise ValueError(
-            f"element by element: derivatives of {what} are not offered; use Problem.gradient, "
+            f"element by element: derivatives of {missing} are not offered; use Problem.gradient, "
             "which has them"
         )
     elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
@@ -141,43 +141,50 @@ def integral_derivatives(
     fields = np.column_stack([reduction.reference, basis.shapes])
     unit = reduction.unit_translations
 
-    # the change of the matrices at fixed shape functions
-    every = np.column_stack([fields, unit[:, 0]])
-    forces = elasticity.cell_derivatives(reduced.density, every, basis.shapes)
-    mass_forces, stiffness_forces = (part[chosen] for part in forces)
+    # the change of the matrices at fixed shape functions; a unit translation gives the mass
+    with_translation = np.column_stack([fields, unit[:, 0]])
+    forces = elasticity.cell_derivatives(reduced.density, with_translation, basis.shapes)
+    mass_forces, stiffness_forces = (cell_forces[chosen] for cell_forces in forces)
     mass = mass_forces[:, :, 0, r + 1].sum(axis=1)
     mass_forces = mass_forces[..., : r + 1]
     local = elasticity.at_cells(fields)[chosen]
     turned = np.stack([-local[:, :, 1], local[:, :, 0]], axis=2)
     S = mass_forces.sum(axis=1).transpose(0, 2, 1).copy()
-    G, N = (np.einsum("cnda,cndb->cab", own, mass_forces) for own in (local, turned))
+    G = np.einsum("cnda,cndb->cab", local, mass_forces)
+    N = np.einsum("cnda,cndb->cab", turned, mass_forces)
     K = np.einsum("cnda,cndb->cab", local[..., 1:], stiffness_forces)
     markers = {name: (np.zeros((n, 2, r)), np.zeros((n, r))) for name in body.markers}
 
-    # the change of the shape functions, measured against these fields
+    # the change of the shape functions, multiplied by the test fields of G, N, S, K and the markers
     matrices = body.factored(reduced).matrices
     mass_fields = elasticity.apply(matrices.mass, fields)
-    parts = [mass_fields, -rotated(mass_fields), elasticity.apply(matrices.mass, unit)]
-    parts.append(elasticity.apply(matrices.stiffness, basis.shapes))
-    parts += [marker.rows.T.toarray() for marker in body.markers.values()]
-    against, ends = np.hstack(parts), np.cumsum([part.shape[1] for part in parts])[:-1]
-    total, hidden = elasticity.comm.allreduce(n) * r, not progress or elasticity.comm.rank > 0
-    what = "element by element"
-    with tqdm(total=total, disable=hidden, unit="system", desc=what, leave=False) as bar:
+    test_fields = [mass_fields, -rotated(mass_fields), elasticity.apply(matrices.mass, unit)]
+    test_fields.append(elasticity.apply(matrices.stiffness, basis.shapes))
+    test_fields += [marker.rows.T.toarray() for marker in body.markers.values()]
+    ends = np.cumsum([block.shape[1] for block in test_fields])[:-1]
+    all_test_fields = np.hstack(test_fields)
+    bar = tqdm(
+        total=elasticity.comm.allreduce(n) * r,
+        disable=not progress or elasticity.comm.rank > 0,
+        unit="system",
+        desc="element by element",
+        leave=False,
+    )
+    with bar:
         for derivative in mode_derivatives(body, reduced, chosen, solver=solver, batch=batch):
-            products = elasticity.inner(against, derivative.fields)
+            products = elasticity.inner(all_test_fields, derivative.fields)
             i, (number, column) = derivative.shape, derivative.cells.T
-            own = np.split(products[:, column].T, ends, axis=1)
-            G[number, i + 1, :] += own[0]
-            G[number, :, i + 1] += own[0]
-            N[number, i + 1, :] += own[1]
-            N[number, :, i + 1] -= own[1]
-            S[number, i + 1, :] += own[2]
-            K[number, i, :] += own[3]
-            K[number, :, i] += own[3]
-            for (displacement, rotation), motion in zip(markers.values(), own[4:], strict=True):
-                displacement[number, :, i] = motion[:, :2]
-                rotation[number, i] = motion[:, 2]
+            dG, dN, dS, dK, *d_markers = np.split(products[:, column].T, ends, axis=1)
+            G[number, i + 1, :] += dG
+            G[number, :, i + 1] += dG
+            N[number, i + 1, :] += dN
+            N[number, :, i + 1] -= dN
+            S[number, i + 1, :] += dS
+            K[number, i, :] += dK
+            K[number, :, i] += dK
+            for (displacement, rotation), d_marker in zip(markers.values(), d_markers, strict=True):
+                displacement[number, :, i] = d_marker[:, :2]
+                rotation[number, i] = d_marker[:, 2]
             bar.update(products.shape[1])
     return IntegralDerivatives(chosen, mass, S, G, N, K, markers)
 
@@ -211,8 +218,8 @@ def elementwise_gradient(
             f"element by element: {len(names)} bodies have densities ({names}); give a mapping "
             "from name to elements"
         )
-    wanted = dict(cells) if isinstance(cells, Mapping) else dict.fromkeys(problem.flexible, cells)
-    unknown = sorted(set(wanted) - set(names))
+    chosen = dict(cells) if isinstance(cells, Mapping) else dict.fromkeys(problem.flexible, cells)
+    unknown = sorted(set(chosen) - set(names))
     if unknown:
         raise ValueError(f"element by element: no flexible body {unknown[0]!r}; there are {names}")
     partial = problem.partial_derivatives(evaluation)
@@ -223,22 +230,24 @@ def elementwise_gradient(
         )
     direct, motion = problem.integral_gradients(evaluation)
     result = {}
-    for name, chosen in wanted.items():
+    for name, body_cells in chosen.items():
         start = perf_counter()
         body, reduced = problem.flexible[name], evaluation.bodies[name]
         change = integral_derivatives(
-            body, reduced, chosen, solver=solver, batch=batch, progress=progress
+            body, reduced, body_cells, solver=solver, batch=batch, progress=progress
         )
         objective = np.zeros(len(change.cells))
         if name in direct:
-            objective += change.motion_part(direct[name]) + change.kinematic_part(direct[name])
+            integrals_bar = direct[name]
+            objective += change.through_integrals(integrals_bar)
+            objective += change.through_markers(integrals_bar)
         if name in partial.densities:
             objective += partial.densities[name][change.cells]
         result[name] = ElementGradient(
             cells=change.cells,
             objective=objective,
-            kinematics=change.kinematic_part(motion[name]),
-            motion=change.motion_part(motion[name]),
+            kinematics=change.through_markers(motion[name]),
+            motion=change.through_integrals(motion[name]),
             count=body.domain.comm.allreduce(len(change.cells)),
             seconds=perf_counter() - start,
         )

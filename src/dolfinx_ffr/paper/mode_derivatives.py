@@ -48,8 +48,8 @@ from ..arrays import Integers
 from ..fem import Block, dense_matrix
 from ..reduction import FactoredBody, FlexibleBody, ReducedBasis, ReducedBody, solved
 
+#: Method that solves for the derivatives of normal modes
 Solver = Literal["bordered", "deflated"]
-#: Ways to solve for the derivatives of normal modes.
 SOLVERS: tuple[str, ...] = get_args(Solver)
 
 
@@ -79,12 +79,12 @@ def mode_derivatives(
 ) -> Iterator[ModeDerivative]:
     """Derivatives of every shape function with respect to the density of each of some elements.
 
-    Collective: every rank goes through all batches. Meanwhile the body may be reduced at other
-    densities; its matrices are made again then.
+    Every rank goes through all batches. Meanwhile the body may be reduced at other densities; then
+    its matrices are assembled again.
 
     Args:
         body: The body.
-        reduced: What its `FlexibleBody.reduce` returned, at any time.
+        reduced: The body, reduced by `FlexibleBody.reduce` at any time.
         cells: Elements owned by this rank, as a mask of shape (cells,) or as numbers; every rank
             gives its own.
         solver: Of the normal modes' systems: ``"bordered"`` solves directly, with a factor for each
@@ -101,51 +101,52 @@ def mode_derivatives(
     batch = validation.integer("mode derivatives: batch", batch, least=1)
     cells = cell_numbers(body, cells)
     elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
-    k, normal = basis.n_constraint, basis.normal
+    n_constraint, normal = basis.n_constraint, basis.normal
     mass_forces, stiffness_forces = elasticity.cell_derivatives(
         reduced.density, normal, basis.shapes
     )
     mass_forces, stiffness_forces = mass_forces[cells], stiffness_forces[cells]
-    stiffness_forces[..., k:] -= basis.eigenvalues * mass_forces
+    stiffness_forces[..., n_constraint:] -= basis.eigenvalues * mass_forces
     # phi_j^T dM phi_i, which keeps the modes orthonormal
     normalisation = np.einsum("cndj,cndi->cji", elasticity.at_cells(normal)[cells], mass_forces)
     counts = elasticity.comm.allgather(len(cells))
-    first = sum(counts[: elasticity.comm.rank])
+    offset = sum(counts[: elasticity.comm.rank])  # of the cells of this rank among all of them
     for shape in range(basis.shapes.shape[1]):
         with _solver(body, reduced, shape, solver) as solve:
             for start in range(0, sum(counts), batch):
-                columns = min(batch, sum(counts) - start)
-                numbers = np.arange(max(start - first, 0), min(start + columns - first, len(cells)))
-                where = np.column_stack([numbers, numbers + first - start]).astype(np.int64)
+                width = min(batch, sum(counts) - start)
+                numbers = np.arange(max(start - offset, 0), min(start + width - offset, len(cells)))
+                columns = numbers + offset - start
                 forces = -stiffness_forces[numbers, ..., shape]
-                parts = (forces * (where[:, 1:, None] == column) for column in range(columns))
-                right = elasticity.from_cells(cells[numbers], parts)
+                one_cell = (forces * (columns[:, None, None] == k) for k in range(width))
+                right = elasticity.from_cells(cells[numbers], one_cell)
                 right[reduction.clamped] = 0.0
                 fields = solve(right)
-                if shape >= k:
-                    share = np.zeros((normal.shape[1], columns))
-                    share[:, where[:, 1]] = -0.5 * normalisation[numbers, :, shape - k].T
+                if shape >= n_constraint:
+                    share = np.zeros((normal.shape[1], width))
+                    share[:, columns] = -0.5 * normalisation[numbers, :, shape - n_constraint].T
                     fields += normal @ elasticity.sum(share)
-                yield ModeDerivative(shape, where, fields)
+                numbered = np.column_stack([numbers, columns]).astype(np.int64)
+                yield ModeDerivative(shape, numbered, fields)
 
 
 def check_reduced(what: str, body: FlexibleBody, reduced: ReducedBody) -> None:
-    """Refuse anything but a body, and the result of its `FlexibleBody.reduce`."""
+    """Refuse anything but a body and the result of its `FlexibleBody.reduce`."""
     validation.instance(f"{what}: body", body, FlexibleBody, "a FlexibleBody")
     needed = "what `FlexibleBody.reduce` returned"
     validation.instance(f"{what}: reduced", reduced, ReducedBody, needed)
 
 
 def cell_numbers(body: FlexibleBody, cells: ArrayLike | None) -> Integers:
-    """Numbers of elements of this rank, given as such, as a mask, or as None for all."""
+    """Numbers of elements of this rank from numbers, from a mask, or from None for all."""
     domain = body.domain
-    given = np.arange(domain.n_cells) if cells is None else np.asarray(cells)
+    chosen = np.arange(domain.n_cells) if cells is None else np.asarray(cells)
     fits, numbers = False, np.zeros(0, dtype=np.int64)
-    if given.dtype == bool:
-        fits, numbers = given.shape == (domain.n_cells,), np.flatnonzero(given)
-    elif given.dtype.kind in "iuf":
-        numbers = given.astype(np.int64).ravel()
-        fits = np.array_equal(numbers, given.ravel()) and len(np.unique(numbers)) == len(numbers)
+    if chosen.dtype == bool:
+        fits, numbers = chosen.shape == (domain.n_cells,), np.flatnonzero(chosen)
+    elif chosen.dtype.kind in "iuf":
+        numbers = chosen.astype(np.int64).ravel()
+        fits = np.array_equal(numbers, chosen.ravel()) and len(np.unique(numbers)) == len(numbers)
         fits = fits and bool(np.all((numbers >= 0) & (numbers < domain.n_cells)))
     if not all(domain.comm.allgather(fits)):
         raise ValueError(
@@ -159,7 +160,7 @@ def cell_numbers(body: FlexibleBody, cells: ArrayLike | None) -> Integers:
 def _solver(
     body: FlexibleBody, reduced: ReducedBody, shape: int, solver: Solver
 ) -> Iterator[Callable[[Block], Block]]:
-    """The solution of the systems of one shape function, as a function of right-hand sides."""
+    """A function that solves the systems of one shape function for right-hand sides."""
     basis = reduced.basis
     if shape < basis.n_constraint:
         yield lambda right: body.factored(reduced).solve(right)
@@ -188,12 +189,12 @@ class _BorderedFactor:
         indptr, indices, values = shifted.getValuesCSR()
         shifted.destroy()
         matrix = scipy.sparse.csr_matrix((values, indices, indptr), shape=(n, size))
-        # of the size of the matrix's own entries; any factor gives the same solution
+        # makes the border as large as the matrix; any factor gives the same solution
         scale = elasticity.largest(np.abs(values)) / elasticity.largest(np.abs(border))
         blocks = [[matrix, scipy.sparse.csr_matrix(scale * border)]]
-        parts = comm.gather(border, root=comm.size - 1)
-        if parts is not None:  # the last rank owns the rows of the border
-            blocks.append([scipy.sparse.csr_matrix(scale * np.vstack(parts).T), None])
+        borders = comm.gather(border, root=comm.size - 1)
+        if borders is not None:  # the last rank owns the rows of the border
+            blocks.append([scipy.sparse.csr_matrix(scale * np.vstack(borders).T), None])
         rows = scipy.sparse.bmat(blocks, format="csr")
         self._rows = rows.shape[0]
         csr = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data

@@ -3,9 +3,9 @@
 
     s(X) = sum_j alpha_j g(|X - X_j|) + sum_k beta_k p_k(X),      sum_j alpha_j p_k(X_j) = 0
 
-takes the given values at the points X_j. Leave-one-out errors need no refitting: with the system's
-matrix M and alpha found from all values, the error at X_i of the interpolant through all other
-points is alpha_i / (M^-1)_ii.
+takes given values at the points X_j. Leave-one-out errors need no refitting: with the system's
+matrix M and alpha of all values, the error at X_i of the interpolant through all other points is
+alpha_i / (M^-1)_ii.
 
 References:
     S. Rippa, Advances in Computational Mathematics 11 (1999), doi:10.1023/A:1018975909870.
@@ -33,11 +33,11 @@ from ..design import Kernel, check_kernel
 
 #: Condition number above which interpolation is stabilised, with a warning
 LARGEST_CONDITION = 1e13
-#: What is then added to the diagonal, in units of the matrix's norm
+#: Part of the matrix's norm that is added to the diagonal to stabilise it
 RIDGE = 1e-12
-#: Entries of the largest dense matrix (4 GB)
-LARGEST = 2**29
-#: Entries of the arrays that one batch makes
+#: Largest number of entries of the dense matrix, 4 GB
+MOST_ENTRIES = 2**29
+#: Number of entries of an array that is evaluated at once, 32 MB
 BATCH = 2**22
 
 
@@ -109,7 +109,7 @@ class ScatteredInterpolation:
                 f"{self.degree}: they lie on a {'line' if self.degree == 1 else 'curve'}; take a "
                 "lower degree or other points"
             )
-        if n**2 > LARGEST:
+        if n**2 > MOST_ENTRIES:
             raise ValueError(
                 f"scattered interpolation: {n} points make a dense matrix of {8e-9 * n**2:.1f} GB; "
                 "give fewer"
@@ -130,14 +130,14 @@ class ScatteredInterpolation:
         v = self._check_values(values)
         x = validation.real_array("scattered interpolation: queries", queries, (None, 2))
         fields = v.reshape(len(v), -1)
-        found = np.empty((len(x), fields.shape[1]))
+        interpolated = np.empty((len(x), fields.shape[1]))
         solution = self._solve(fields)
         step = max(1, BATCH // len(v))
         for low in range(0, len(x), step):
-            part = slice(low, low + step)
-            block = self.kernel(cdist(x[part], self.points)) / self._scale
-            found[part] = np.hstack([block, self._monomials(x[part])]) @ solution
-        return found.reshape(x.shape[:1] + v.shape[1:])
+            batch = slice(low, low + step)
+            kernels = self.kernel(cdist(x[batch], self.points)) / self._scale
+            interpolated[batch] = np.hstack([kernels, self._monomials(x[batch])]) @ solution
+        return interpolated.reshape(x.shape[:1] + v.shape[1:])
 
     def leave_one_out(self, values: ArrayLike) -> Array:
         """At each point, its value less the interpolant through all other points.
@@ -157,13 +157,17 @@ class ScatteredInterpolation:
         return (self._solve(fields)[:n] / self._diagonal[:, None]).reshape(v.shape)
 
     def _check_values(self, values: ArrayLike) -> Array:
-        n, what = len(self.points), "scattered interpolation: values"
+        n = len(self.points)
         expected = f"{n} values, one a point, or several of each in columns"
-        wanted = (n, None) if np.ndim(values) == 2 else (n,)
-        return validation.real_array(what, values, wanted, expected=expected)
+        shape = (n, None) if np.ndim(values) == 2 else (n,)
+        label = "scattered interpolation: values"
+        return validation.real_array(label, values, shape, expected=expected)
 
     def _factor_system(self) -> float:
-        """Factor the system, scaled to a largest entry of one, or a stabilised one: condition."""
+        """Factor the system, stabilised if it is ill-conditioned; return its condition number.
+
+        It is scaled to a largest entry of one.
+        """
         n = len(self.points)
         matrix = np.zeros((n + self._terms,) * 2)
         matrix[:n, :n] = self.kernel(cdist(self.points, self.points))
@@ -181,7 +185,7 @@ class ScatteredInterpolation:
         return condition
 
     def _factorise(self, matrix: Array, norm: float) -> float:
-        """Factor the matrix; its condition number, infinite where it is singular."""
+        """Factor the matrix; return its condition number, which is infinite if it is singular."""
         *self._factor, info = lapack.dgetrf(matrix)
         reciprocal = 0.0 if info else lapack.dgecon(self._factor[0], norm)[0]
         return 1.0 / reciprocal if reciprocal > 0.0 else math.inf
@@ -237,8 +241,8 @@ def best_length(
         if math.isfinite(kernel(extent).support):
             low = 1.001 * float(np.max(nearest))
         bounds = (low, max(extent, 2.0 * low))
-    what, two = "best length: bounds", "two components"
-    bounds = tuple(validation.real_array(what, bounds, (2,), expected=two).tolist())
+    ends = validation.real_array("best length: bounds", bounds, (2,), expected="two components")
+    bounds = tuple(ends.tolist())
     if not 0.0 < bounds[0] < bounds[1]:
         raise ValueError(f"best length: bounds {bounds} must be positive, finite and in order")
 
@@ -257,7 +261,7 @@ def best_length(
             f"from {bounds[0]:.4g} m to {bounds[1]:.4g} m; allow shorter ones"
         )
     best = int(np.argmin(errors))
-    # the search compares numbers, so that a length passed over counts as the worst of the others
+    # the search compares numbers, so an ill-conditioned length counts as the worst of the others
     worst = float(np.max(errors[np.isfinite(errors)]))
     refined = minimize_scalar(
         lambda length: min(error(length), worst),
