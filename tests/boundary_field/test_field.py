@@ -64,6 +64,7 @@ def test_a_part_keeps_the_outline_its_holes_and_their_rims() -> None:
     assert part.polygon.difference(body.outline.buffer(2e-5)).is_empty
     assert outline_violations(part, MEMBER, MEMBER) == []
     assert part.holes == 2
+    assert field.area == pytest.approx(part.area, rel=1e-4)
     mesh = field.mesh(np.inf, fine=False)
     assert mesh.area == pytest.approx(part.area, rel=1e-3)
     assert np.any(mesh.solid_cells)

@@ -195,12 +195,15 @@ class FieldSpace:
         """The shares of the variables there, (n, variables)."""
         return self.all_rows[self.near]
 
+    @cached_property
+    def _fit(self) -> Any:
+        """The factor of the least squares by which values on the raster tell a field."""
+        matrix = self.raster_rows.T @ self.raster_rows + SMOOTH * self.grid.bending
+        return splu(csc_matrix(matrix + 1e-9 * eye(self.grid.size)), **SYMMETRIC)
+
     def fitted(self, values: Array) -> BoundaryField:
         """The smooth field nearest to ``values`` (n,) at the points of the raster."""
-        matrix = self.raster_rows.T @ self.raster_rows
-        smoothing = SMOOTH * self.grid.bending
-        factor = splu(csc_matrix(matrix + smoothing + 1e-9 * eye(self.grid.size)), **SYMMETRIC)
-        variables = factor.solve(self.raster_rows.T @ values)
+        variables = self._fit.solve(self.raster_rows.T @ values)
         return BoundaryField(self, self.bounded(variables))
 
     def of_material(self, material: shapely.Geometry) -> BoundaryField:
@@ -288,6 +291,7 @@ class Edge:
     moves: Mask  #: Whether it moves with the zero of the field, (n,)
     slopes: Array  #: |grad phi|, (n,)
     rows: csr_matrix  #: Motion along the normal by each variable, zero where it stays, (n, v)
+    beside: float  #: Area between the zero of the field and its chords [m^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,6 +346,11 @@ class BoundaryField:
             raise ShapeError("boundary: there is no material")
         return shapely.geometry.polygon.orient(max(pieces, key=lambda piece: piece.area))
 
+    @property
+    def area(self) -> float:
+        """The area of its material, without the curves of its part [m^2]."""
+        return float(self.material.area + self.edge.beside)
+
     @cached_property
     def edge(self) -> Edge:
         """Points on all of its boundary, a sample apart."""
@@ -359,18 +368,19 @@ class BoundaryField:
         # away from the body's drawing these points are on chords of the zero
         moves = ~drawn | (np.abs(value) < self.space.options.on_zero * spacing * slopes)
         moves &= ~self._fixed(points, places)
-        points = points.copy()
+        points, beside = points.copy(), 0.0
         for _ in range(2):
             way = np.clip(value / np.maximum(slopes, 1e-6), -0.25 * spacing, 0.25 * spacing)
-            way = np.where(moves, way / np.maximum(slopes, 1e-6), 0.0)
-            points -= way[:, None] * gradient
+            way = np.where(moves, way, 0.0)
+            beside += float(lengths @ way)
+            points -= (way / np.maximum(slopes, 1e-6))[:, None] * gradient
             gradient, value = self.gradient(points), self.spline(points)
             slopes = np.linalg.norm(gradient, axis=1)
         normals = np.where(moves[:, None], -gradient / slopes[:, None], normals)
         share = np.where(moves, 1.0 / slopes, 0.0)
         rows = csr_matrix(diags(share) @ self.space.grid.rows(points))
         rows.eliminate_zeros()
-        return Edge(points, normals, lengths, moves, slopes, rows)
+        return Edge(points, normals, lengths, moves, slopes, rows, beside)
 
     def _fixed(self, points: Array, places: Array) -> Mask:
         """Whether ``points`` of the boundary are sides of what stays solid, or of rims."""

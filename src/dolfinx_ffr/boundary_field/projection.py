@@ -20,6 +20,9 @@ from scipy.sparse.linalg import splu
 from ..arrays import Array, Mask
 from .field import SYMMETRIC
 
+#: Value of a constraint that a step exceeds by no more than round-off
+_EXCEEDED = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
@@ -84,24 +87,23 @@ class Projection:
         slopes: csr_matrix,
         bends: Array | None = None,
     ) -> None:
-        self._free = smooth.free
-        self._size, self._rows = len(gradient), slopes.shape[0]
+        self._smooth, self._free = smooth, smooth.free
+        self._size = len(gradient)
         self._gradient = gradient[self._free]
         self._downhill = -smooth.solve(self._gradient)
+        self._slopes = slopes[:, self._free]
         # no step changes a constraint without a slope
-        own = slopes[:, self._free]
-        self._able = np.flatnonzero(np.asarray(abs(own).sum(axis=1)).ravel())
-        self._slopes = own[self._able].toarray()
+        self._able = np.asarray(abs(self._slopes).sum(axis=1)).ravel() > 0.0
         self._bends = np.zeros((len(self._free), 0)) if bends is None else bends[self._free]
-        self._toward = smooth.solve(np.asfortranarray(self._slopes.T))
         self._stiff = smooth.solve(self._bends)
+        #: Constraints that have been active, and the motions M^-1 S^T by their multipliers
+        self._active = np.zeros(0, dtype=np.int64)
+        self._toward = np.zeros((len(self._free), 0))
 
     def step(self, values: Array, weight: float) -> tuple[Array, Array]:
         """The step (n,) for a weight of the function, and the multipliers (rows,)."""
-        inner, costs = self._inner(values[self._able], weight)
-        multipliers = np.zeros(self._rows)
-        multipliers[self._able] = costs
-        return self._whole(inner), multipliers
+        inner, costs = self._inner(values, weight)
+        return self._whole(inner), costs
 
     def within(self, values: Array, reach: float, weight: float | None = None) -> Step:
         """The step whose longest motion is about a ``reach``; from an earlier ``weight`` on."""
@@ -110,7 +112,7 @@ class Projection:
         inner = self._downhill
         longest = 0.0
         for _ in range(6):
-            inner, _ = self._inner(values[self._able], weight)
+            inner, _ = self._inner(values, weight)
             longest = float(np.max(np.abs(inner), initial=0.0))
             if longest == 0.0 or 0.9 < longest / reach < 1.1:
                 break
@@ -128,20 +130,39 @@ class Projection:
         return motion
 
     def _inner(self, values: Array, weight: float) -> tuple[Array, Array]:
+        """The step of the free variables, and the multipliers of all constraints.
+
+        Constraints that the step of the others exceeds join these, as most are never active.
+        """
+        costs = np.zeros(len(values))
+        while True:
+            inner, costs[self._active] = self._among_active(values, weight)
+            exceeded = values + self._slopes @ inner > _EXCEEDED
+            exceeded[self._active] = False
+            joining = np.flatnonzero(exceeded & self._able)
+            if not len(joining):
+                return inner, costs
+            slopes = np.asfortranarray(self._slopes[joining].toarray().T)
+            self._active = np.append(self._active, joining)
+            self._toward = np.column_stack([self._toward, self._smooth.solve(slopes)])
+
+    def _among_active(self, values: Array, weight: float) -> tuple[Array, Array]:
+        """The same within the constraints that have been active, with their multipliers."""
         ways = np.column_stack([weight * self._downhill, self._toward])
         if self._bends.size:
             # the inverse of M + w W W^T by that of M
             inner = np.eye(self._bends.shape[1]) / weight + self._bends.T @ self._stiff
             ways = ways - self._stiff @ np.linalg.solve(inner, self._bends.T @ ways)
         way, toward = ways[:, 0], ways[:, 1:]
-        count = len(self._able)
+        count = len(self._active)
         if not count:
             return way, np.zeros(0)
-        gram = self._slopes @ toward
+        slopes = self._slopes[self._active]
+        gram = slopes @ toward
         # constraints that say the same leave their multipliers undetermined, and not the step
         gram += 1e-10 * np.trace(gram) / count * np.eye(count)
         root = np.linalg.cholesky(gram)
-        right = np.linalg.solve(root, values + self._slopes @ way)
+        right = np.linalg.solve(root, values[self._active] + slopes @ way)
         costs = np.asarray(nnls(root.T, right, maxiter=100 * count)[0])
         return way - toward @ costs, costs
 

@@ -74,7 +74,7 @@ def _beyond_volume(field: BoundaryField) -> float:
     """By what share a field encloses more than it may, negative where it encloses less."""
     if field.space.volume >= 1.0:
         return -1.0
-    return field.part.area / (field.space.volume * field.space.body.area) - 1.0
+    return field.area / (field.space.volume * field.space.body.area) - 1.0
 
 
 def _volume_slope(field: BoundaryField) -> csr_matrix:
