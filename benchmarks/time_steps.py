@@ -107,7 +107,7 @@ def choices(
     rows = []
     for tolerance in how["tolerances"]:
         began = process_time()
-        choice = problem.choice(bodies, ffr.TimeInterval(END, tolerance))
+        choice = problem.choose_steps(bodies, ffr.TimeInterval(END, tolerance))
         took = process_time() - began
         method = choice.integrator
         evaluated = ffr.MechanicalProblem(problem.mechanism, method, problem.objective)

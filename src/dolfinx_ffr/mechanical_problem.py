@@ -26,7 +26,6 @@ from .body import VolumeIntegrals
 from .dynamics import (
     CHOICE,
     Bars,
-    Certificate,
     FlatModel,
     GeneralizedAlpha,
     Integrator,
@@ -62,7 +61,7 @@ from .objective import (
 Bodies = Mapping[str, VolumeIntegrals]
 Key = TypeVar("Key", bound=Hashable)
 
-#: Relative error to which numbers are certified for an estimate of the error by the steps, at least
+#: Smallest relative error to which `MechanicalProblem.time_error` certifies objectives
 FINEST = 1e-8
 
 
@@ -182,7 +181,7 @@ class MechanicalProblem:
     Attributes:
         mechanism: Joints, motions, point masses, gravity.
         integrator: Time interval and steps; of a :class:`TimeInterval` they are chosen for the
-            bodies at each call, or once by :meth:`settled`.
+            bodies at each call, or once by :meth:`with_chosen_steps`.
         objective: What is minimised.
         constraints: Bounds on further objectives.
     """
@@ -209,11 +208,11 @@ class MechanicalProblem:
 
     @property
     def method(self) -> Integrator:
-        """The time integration with its steps, which are left open by a :class:`TimeInterval`."""
+        """The time integration with its steps, which a :class:`TimeInterval` leaves open."""
         if isinstance(self.integrator, TimeInterval):
             raise TypeError(
                 "a TimeInterval has no steps before they are chosen for an objective: call "
-                "MechanicalProblem.settled(bodies), or give an integrator"
+                "MechanicalProblem.with_chosen_steps(bodies), or give an integrator"
             )
         return self.integrator
 
@@ -248,7 +247,7 @@ class MechanicalProblem:
         """
         start, response = perf_counter(), self.response(bodies)
         self.validate(response.inventory)
-        trajectory = self.settled(response).trajectory(response.bodies)
+        trajectory = self.with_chosen_steps(response).trajectory(response.bodies)
         evaluation = self.evaluated(replace(response, simulated=trajectory))
         return replace(evaluation, seconds={"simulation": perf_counter() - start})
 
@@ -293,7 +292,7 @@ class MechanicalProblem:
         return self.differentiate(self.value(bodies))
 
     def differentiate(self, evaluation: MechanicalEvaluation) -> MechanicalEvaluation:
-        """An ``evaluation`` with the exact derivatives added.
+        """Add the exact derivatives to an ``evaluation``.
 
         So a design whose value is rejected need not be differentiated.
         """
@@ -301,11 +300,11 @@ class MechanicalProblem:
         direct = self.partial(response)
         adjoints = dict[str, Bars]()
         for label, partial in direct.items():
-            if moves(partial, response):
+            if depends_on_motion(partial, response):
                 adjoints[label] = adjoint(response.trajectory, partial.trajectory)  # type: ignore[arg-type]
-        through = through_trajectory(response, direct, adjoints)
+        indirect = through_trajectory(response, direct, adjoints)
         total = {
-            label: partial.without_trajectory(through[label]) for label, partial in direct.items()
+            label: partial.without_trajectory(indirect[label]) for label, partial in direct.items()
         }
         constraints = {}
         for constraint in self.constraints:
@@ -321,33 +320,46 @@ class MechanicalProblem:
     def partial(
         self, response: Response, labels: Collection[str] | None = None, of: str = ""
     ) -> dict[str, Derivatives]:
-        """Partial derivatives of the objectives at a ``response``, by label; of all ``labels``.
+        """Partial derivatives of the objectives at a ``response``, by label; None means all labels.
 
-        Those by parameters, at fixed trajectory, are among them. Names of constraints begin with
-        the text ``of`` in messages.
+        Derivatives by parameters, at fixed trajectory, are among them. Names of constraints begin
+        with the text ``of`` in messages.
         """
         objectives = {n: o for n, o in self.objectives.items() if labels is None or n in labels}
-        where = {n: f"constraint {of + n!r}: " if n else "" for n in objectives}
         derivatives = {
-            n: derivatives_of(objective, response, where[n]) for n, objective in objectives.items()
+            label: derivatives_of(
+                objective, response, f"constraint {of + label!r}: " if label else ""
+            )
+            for label, objective in objectives.items()
         }
-        mechanism, run = self.mechanism, response.simulated
+        mechanism, trajectory = self.mechanism, response.simulated
         if not isinstance(mechanism, ParametricMechanism) or not objectives:
             return derivatives
-        times = np.array([0.0, self.integrator.end_time])
-        model = run.model if run else assemble_model(mechanism, response.bodies, times)
 
-        def number(objective: Objective) -> Callable[[FlatModel], float]:
-            def value(other: FlatModel) -> float:
-                simulated = None if run is None else replace(run, model=other)
-                bodies = {name: other.bodies[name] for name in response.bodies}
-                masses = other.mechanism.point_masses
-                changed = replace(response, simulated=simulated, bodies=bodies, point_masses=masses)
-                return value_of(objective, changed)
+        times = np.array([0.0, self.integrator.end_time])
+        model = (
+            trajectory.model if trajectory else assemble_model(mechanism, response.bodies, times)
+        )
+
+        def as_function_of_model(objective: Objective) -> Callable[[FlatModel], float]:
+            """The objective at fixed coordinates, as a function of the model."""
+
+            def value(changed: FlatModel) -> float:
+                return value_of(
+                    objective,
+                    replace(
+                        response,
+                        simulated=None
+                        if trajectory is None
+                        else replace(trajectory, model=changed),
+                        bodies={name: changed.bodies[name] for name in response.bodies},
+                        point_masses=changed.mechanism.point_masses,
+                    ),
+                )
 
             return value
 
-        slopes = fixed_slopes(model, [number(objective) for objective in objectives.values()])
+        slopes = fixed_slopes(model, [as_function_of_model(o) for o in objectives.values()])
         for (label, partial), row in zip(derivatives.items(), slopes.tolist(), strict=True):
             by_parameter = dict(zip(mechanism.parameters.names, row, strict=True))
             derivatives[label] = replace(partial, parameters=by_parameter)
@@ -358,7 +370,7 @@ class MechanicalProblem:
     ) -> tuple[MechanicalProblem, MechanicalEvaluation]:
         """The problem and an ``evaluation`` with objectives that are corrected at these bodies.
 
-        It is as `Problem.calibrated`: both are the given ones where none is to be corrected.
+        As by `Problem.calibrated`, both are returned unchanged where no objective is corrected.
         """
         problem = self.calibrated_at(evaluation.response)
         if problem is self:
@@ -370,64 +382,67 @@ class MechanicalProblem:
     def calibrated_at(self, response: Response) -> MechanicalProblem:
         """The problem with objectives corrected at a ``response``, see `Objective.calibrated`.
 
-        It is the problem itself where none is to be corrected.
+        The problem itself is returned where no objective is corrected.
         """
         objective = self.objective.calibrated(response)
         constraints = [constraint.calibrated(response) for constraint in self.constraints]
-        same = all(a is b for a, b in zip(constraints, self.constraints, strict=True))
-        if objective is self.objective and same:
+        unchanged = all(new is old for new, old in zip(constraints, self.constraints, strict=True))
+        if objective is self.objective and unchanged:
             return self
         return replace(self, objective=objective, constraints=constraints)
 
     def parted(self, response: Response) -> MechanicalProblem:
         """The problem with `Constraint.parts` at a ``response`` in place of each constraint."""
-        return self._with_more([each.parts(response) for each in self.constraints])
+        return self._split([constraint.parts(response) for constraint in self.constraints])
 
     def placed(self, response: Response) -> MechanicalProblem:
         """The problem with `Constraint.places` at a ``response`` in place of each constraint."""
-        return self._with_more([each.places(response) for each in self.constraints])
+        return self._split([constraint.places(response) for constraint in self.constraints])
 
-    def _with_more(self, constraints: list[list[Constraint]]) -> MechanicalProblem:
-        """The problem with several constraints in place of each; itself if they are as many."""
-        every = [constraint for several in constraints for constraint in several]
-        return self if len(every) == len(self.constraints) else replace(self, constraints=every)
+    def _split(self, groups: list[list[Constraint]]) -> MechanicalProblem:
+        """The problem with a group of constraints in place of each; itself if no group has two."""
+        constraints = [constraint for group in groups for constraint in group]
+        if len(constraints) == len(self.constraints):
+            return self
+        return replace(self, constraints=constraints)
 
-    def settled(self, bodies: Bodies | Response) -> MechanicalProblem:
-        """The same problem with the method and the steps that a :class:`TimeInterval` takes.
+    def with_chosen_steps(self, bodies: Bodies | Response) -> MechanicalProblem:
+        """The same problem with a method and steps in the place of a :class:`TimeInterval`.
 
-        For ``bodies`` as for :meth:`value`, which raises the same errors; the problem itself where
-        it has an integrator, or needs none. A tolerance out of reach is a `TimeStepWarning`.
+        They are chosen for ``bodies`` as for :meth:`value`, which raises the same errors. The
+        problem itself is returned where it has an integrator, or needs none. A tolerance out of
+        reach is a `TimeStepWarning`.
         """
         if not isinstance(self.integrator, TimeInterval) or not self.needs_trajectory:
             return self
-        return self.stepping(self.choice(bodies, self.integrator))
+        return self.with_steps(self.choose_steps(bodies, self.integrator))
 
-    def stepping(self, choice: StepChoice) -> MechanicalProblem:
+    def with_steps(self, choice: StepChoice) -> MechanicalProblem:
         """The same problem with method and steps of a ``choice``; warns if they do not suffice."""
         if not choice.met:
             warnings.warn(choice.doubt, TimeStepWarning, stacklevel=3)
         return replace(self, integrator=choice.integrator)
 
-    def choice(self, bodies: Bodies | Response, interval: TimeInterval) -> StepChoice:
-        """Method and steps that an accuracy takes, and how far they can be trusted.
+    def choose_steps(self, bodies: Bodies | Response, interval: TimeInterval) -> StepChoice:
+        """Method and steps that reach an accuracy, and an estimate of their error.
 
         Args:
-            bodies: As for :meth:`value`; of a `Response` with a trajectory, its method is kept
-                where it suffices.
+            bodies: As for :meth:`value`; the method of a `Response` with a trajectory stays where
+                it suffices.
             interval: The time interval and the accuracy.
         """
-        given = self.response(bodies)
-        cells, damped = load_cells(self.mechanism, given.bodies, interval.end_time)
-        judged, present = self._judged(given), given.simulated
-        return interval.chosen(*judged, cells, damped=damped, present=present)
+        response = self.response(bodies)
+        cells, damped = load_cells(self.mechanism, response.bodies, interval.end_time)
+        run, judge = self._run_and_judge(response)
+        return interval.chosen(run, judge, cells, damped=damped, present=response.simulated)
 
     def with_tolerance(self, bodies: Bodies | Response, tolerance: float) -> MechanicalProblem:
         """The same problem with steps for an accuracy of psi.
 
-        Fixed steps are halved, and the tolerance of adaptive ones falls, until objective and
-        bounded objectives are as near as that to certified values (see :class:`TimeInterval`).
-        Where nothing damps vibrations, generalised-alpha without damping of its own is tried, too,
-        which may take a hundredth of the steps. Choose once, and keep the steps while designing.
+        Fixed steps are halved, and the tolerance of adaptive ones is lowered, until objective and
+        bounded objectives differ from certified values by less (see :class:`TimeInterval`). Where
+        nothing damps vibrations, generalised-alpha without numerical damping is tried, too, which
+        may take a hundredth of the steps. Choose once, and keep the steps while designing.
 
         Args:
             bodies: As for :meth:`value`.
@@ -438,81 +453,83 @@ class MechanicalProblem:
         """
         if not self.needs_trajectory:
             return self
-        interval, given = TimeInterval(self.integrator.end_time, tolerance), self.response(bodies)
+        response = self.response(bodies)
+        interval = TimeInterval(self.integrator.end_time, tolerance)
         if isinstance(self.integrator, TimeInterval) or self.method.chosen_for is not None:
-            return self.stepping(self.choice(given, interval))
-        cells, damped = load_cells(self.mechanism, given.bodies, interval.end_time)
-        judged = self._judged(given)
+            return self.with_steps(self.choose_steps(response, interval))
+
+        cells, damped = load_cells(self.mechanism, response.bodies, interval.end_time)
+        run, judge = self._run_and_judge(response)
         share = CHOICE.share_of_certificate * tolerance
-        exact = certified(*judged, cells, share, damped=damped)
+        certificate = certified(run, judge, cells, share, damped=damped)
         methods = [self.integrator]
         if isinstance(self.integrator, GeneralizedAlpha) and not cells.corners.size and not damped:
             methods.append(replace(self.integrator, spectral_radius=1.0))
-        return self.stepping(refined(methods, *judged, exact, tolerance))
+        return self.with_steps(refined(methods, run, judge, certificate, tolerance))
 
     def time_error(self, response: Response) -> float:
         """An estimate of the largest relative error by time steps, of psi and bounded objectives.
 
         They are computed once more, by two methods that treat vibrations in opposite ways, with
         shorter and shorter steps until both agree five times as well. So vibrations that the steps
-        have lost are found, too, at the price of some simulations. The ``response`` is that of an
-        evaluation.
+        have lost are found, too, at the price of some simulations.
+
+        Args:
+            response: The `MechanicalEvaluation.response` of an evaluation.
 
         Raises:
             SimulationError: If no trajectory with other steps is found.
         """
-        fine = response.simulated
-        if fine is None:
+        trajectory = response.simulated
+        if trajectory is None:
             return 0.0
-        found = self._judged(response)[1](fine)
-        exact = self._certified(response, float(fine.t[-1]), FINEST, near=found)
-        return relative_change(exact.values, found) + exact.error
+        run, judge = self._run_and_judge(response)
+        values = judge(trajectory)
+        cells, damped = load_cells(self.mechanism, response.bodies, float(trajectory.t[-1]))
+        certificate = certified(run, judge, cells, FINEST, damped=damped, near=values)
+        return relative_change(certificate.values, values) + certificate.error
 
-    def _judged(self, given: Response) -> tuple[Run, Judge]:
-        """Functions from a method to the trajectory, and from there to the objectives."""
-        wanted = [objective for objective in self.objectives.values() if objective.needs_trajectory]
+    def _run_and_judge(self, response: Response) -> tuple[Run, Judge]:
+        """Functions from a method to its trajectory, and from there to the objectives."""
+        objectives = [o for o in self.objectives.values() if o.needs_trajectory]
+
+        def run(method: Integrator) -> Trajectory:
+            return integrate(self.mechanism, response.bodies, method)
 
         def judge(trajectory: Trajectory) -> Array:
-            response = replace(given, simulated=trajectory)
-            return np.array([value_of(objective, response) for objective in wanted])
+            simulated = replace(response, simulated=trajectory)
+            return np.array([value_of(objective, simulated) for objective in objectives])
 
-        return lambda method: integrate(self.mechanism, given.bodies, method), judge
-
-    def _certified(
-        self, given: Response, end_time: float, tolerance: float, near: Array | None = None
-    ) -> Certificate:
-        """The objectives that need the trajectory, certified near the values ``near``."""
-        cells, damped = load_cells(self.mechanism, given.bodies, end_time)
-        return certified(*self._judged(given), cells, tolerance, damped=damped, near=near)
+        return run, judge
 
 
 def through_trajectory(
-    response: Response, keys: Collection[Key], pulled: Mapping[Key, Bars]
+    response: Response, keys: Collection[Key], adjoints: Mapping[Key, Bars]
 ) -> dict[Key, Derivatives]:
     """Derivatives through the trajectory of a ``response``: by all integrals, and by parameters.
 
-    The adjoints of some numbers were ``pulled`` back, by ``keys`` of any kind; those of others are
-    zero.
+    Each of the ``keys``, of any kind, stands for a number. Where it has no adjoint the derivatives
+    are zero.
     """
     derivatives, by_parameters = dict[Key, Derivatives](), dict[Key, dict[str, float]]()
-    if pulled and isinstance(response.trajectory.model.mechanism, ParametricMechanism):
+    if adjoints and isinstance(response.trajectory.model.mechanism, ParametricMechanism):
         names = response.trajectory.model.mechanism.parameters.names
-        bars = [bar.mechanism for bar in pulled.values()]
-        for key, row in zip(pulled, parameter_slopes(response.trajectory, bars), strict=True):
+        bars = [bar.mechanism for bar in adjoints.values()]
+        for key, row in zip(adjoints, parameter_slopes(response.trajectory, bars), strict=True):
             by_parameters[key] = dict(zip(names, row.tolist(), strict=True))
     for key in keys:
-        bodies = pulled[key].bodies if key in pulled else None
-        none = {name: body.zeros_like() for name, body in response.bodies.items()}
+        bodies = adjoints[key].bodies if key in adjoints else None
+        zeros = {name: body.zeros_like() for name, body in response.bodies.items()}
         derivatives[key] = Derivatives(
-            integrals=bodies or none, parameters=by_parameters.get(key, {})
+            integrals=bodies or zeros, parameters=by_parameters.get(key, {})
         )
     return derivatives
 
 
-def moves(direct: Derivatives, response: Response) -> bool:
-    """Whether the derivatives ``direct`` by the trajectory of a ``response`` do not vanish."""
+def depends_on_motion(direct: Derivatives, response: Response) -> bool:
+    """Whether a number depends on the trajectory of a ``response``, by its partial derivatives."""
     bar = direct.trajectory
     if response.simulated is None or bar is None:
         return False
     # NaN counts, so that it is reported
-    return any(np.any(part) for part in (bar.y, bar.v, bar.w, bar.multipliers))
+    return any(np.any(array) for array in (bar.y, bar.v, bar.w, bar.multipliers))

@@ -138,16 +138,16 @@ def test_error_is_below_the_tolerance(objective: Any) -> None:
     """Beside a motion with far more steps, and without a warning of steps that are too long."""
     scene = rod_on_a_crank()
     problem = ffr.MechanicalProblem(scene.mechanism, ffr.TimeInterval(0.4, 1e-3), objective)
-    settled = problem.settled(scene.bodies)
+    chosen = problem.with_chosen_steps(scene.bodies)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = problem.gradient(scene.bodies)
-    assert found.trajectory is not None and found.trajectory.integrator == settled.integrator
+    assert found.trajectory is not None and found.trajectory.integrator == chosen.integrator
     exact = ffr.MechanicalProblem(scene.mechanism, ffr.RadauIIA(0.4, steps=3200), objective)
     assert found.psi == pytest.approx(exact.value(scene.bodies).psi, rel=1e-3)
-    assert found.psi == settled.value(scene.bodies).psi
-    assert settled.settled(scene.bodies) is settled
-    finer = replace(problem, integrator=ffr.TimeInterval(0.4, 1e-5)).settled(scene.bodies)
+    assert found.psi == chosen.value(scene.bodies).psi
+    assert chosen.with_chosen_steps(scene.bodies) is chosen
+    finer = replace(problem, integrator=ffr.TimeInterval(0.4, 1e-5)).with_chosen_steps(scene.bodies)
     assert problem.with_tolerance(scene.bodies, 1e-5).integrator == finer.integrator
     motion = ffr.simulate(scene.mechanism, scene.bodies, ffr.TimeInterval(0.4, 1e-3))
     assert motion.error <= 1e-3
@@ -163,7 +163,7 @@ def test_steps_are_graded_where_a_motion_is_fast_for_a_short_time() -> None:
     )
     interval, speed = ffr.TimeInterval(1.0, 1e-3), ffr.MarkerVelocity("body", "pin")
     problem = ffr.MechanicalProblem(mechanism, interval, speed)
-    choice = problem.choice({"body": body}, interval)
+    choice = problem.choose_steps({"body": body}, interval)
     assert choice.met and choice.integrator.times.size < 300
     # frozen: the same for other bodies, so that gradients are exact
     frozen = replace(problem, integrator=choice.integrator)

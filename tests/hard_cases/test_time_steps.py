@@ -225,10 +225,10 @@ def test_an_accuracy_that_is_asked_for_is_got_or_the_error_is_told(case: int) ->
     bounds = [ffr.Constraint(each, upper=1.0, name=str(k)) for k, each in enumerate(others)]
     interval = ffr.TimeInterval(scene.end_time, tolerance)
     problem = ffr.MechanicalProblem(scene.mechanism, interval, first, bounds)
-    choice = problem.choice(scene.bodies, interval)
+    choice = problem.choose_steps(scene.bodies, interval)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        chosen = problem.stepping(choice)
+        chosen = problem.with_steps(choice)
     found = numbers(scene, integrate(scene.mechanism, scene.bodies, chosen.integrator))
     error = float(np.max(np.abs(found / resolved(scene, tolerance) - 1.0)))
     assert choice.met == (case != 32)
@@ -347,10 +347,10 @@ def test_the_estimate_under_a_load_that_nobody_named(
     mechanism, bodies = steel_cantilever(forces=[force], damping=rubbing)
     interval = ffr.TimeInterval(end_time, tolerance)
     problem = ffr.MechanicalProblem(mechanism, interval, ffr.IntegralCompliance())
-    choice = problem.choice(bodies, interval)
+    choice = problem.choose_steps(bodies, interval)
     named = replace(mechanism, jumps=[share * end_time for share in ends])
     fine = replace(problem, mechanism=named, integrator=ffr.RadauIIA(end_time, steps=3000))
-    error = abs(problem.stepping(choice).value(bodies).psi / fine.value(bodies).psi - 1.0)
+    error = abs(problem.with_steps(choice).value(bodies).psi / fine.value(bodies).psi - 1.0)
     assert error <= tolerance
     assert 0.8 * error <= choice.error <= 5.0 * error
 

@@ -83,7 +83,7 @@ def test_nothing_is_simulated_for_densities(
     problem = four_bar(comm, ffr.Volume("coupler") + 0.5 * Grayness("rocker"))
     x = waves(problem)
     found = problem.gradient(x)
-    assert not found.moves
+    assert not found.simulated
     with pytest.raises(ValueError, match="there is no trajectory: nothing was simulated"):
         _ = found.trajectory
     volume = problem.flexible["coupler"].volume(x["coupler"])

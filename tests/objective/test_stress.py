@@ -338,7 +338,7 @@ def test_calibrated_at_a_design(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyP
         known.delattr(stress_mean.Stresses, "mean")
         calibrated, told = problem.calibrated(evaluation)
         calibrated.differentiate(told)
-    assert response.known and not replace(response, bodies=response.bodies).known
+    assert response.cache and not replace(response, bodies=response.bodies).cache
     again = calibrated.value(x)
     for found in (told, again):
         assert found.psi == pytest.approx(2.0 * largest + volume, rel=1e-7)

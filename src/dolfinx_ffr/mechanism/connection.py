@@ -56,15 +56,15 @@ class Spring(Symbol):
 
 @dataclass(frozen=True)
 class Connection:
-    """A joint or a force; a TypeError refuses what is no marker where one belongs."""
+    """A joint or a force; a TypeError refuses a field that is declared as a marker and is none."""
 
     kind: ClassVar[str]  #: "joint" or "force", for messages.
 
     def __post_init__(self) -> None:
-        what = f"{self.kind} {type(self).__name__}"
+        user = f"{self.kind} {type(self).__name__}"
         for marker in self.markers:
-            check_marker(what, marker)
-        validation.name(f"{what}: name", getattr(self, "name", ""))
+            check_marker(user, marker)
+        validation.name(f"{user}: name", getattr(self, "name", ""))
 
     @property
     def markers(self) -> tuple[Marker, ...]:
@@ -93,10 +93,10 @@ class Connection:
 
     def validate(self, label: str) -> None:
         """Refuse wrong kinds (TypeError) and numbers (ValueError), by the name ``label``."""
-        what = f"{self.kind} {label!r}"
+        user = f"{self.kind} {label!r}"
         if not any(isinstance(marker, tuple) for marker in self.markers):
-            raise ValueError(f"{what} has no marker on a body")
-        self._check(what)
+            raise ValueError(f"{user} has no marker on a body")
+        self._check(user)
 
     def _check(self, what: str) -> None:
-        """Refuse wrong arguments of a joint or force, which errors call ``what``."""
+        """Refuse wrong arguments of a joint or force; ``what`` is its name in errors."""

@@ -21,7 +21,7 @@ from .motion import Motion, Signal, check_signal, is_zero
 from .rows import BodyVector, Element, Load, Row, RowKind, SpringRow, VectorKind, direction, point
 from .undeformed import Undeformed, coincidence, on_plane, relative_angle
 
-#: Error of a spring without any give.
+#: Error for a spring of infinite stiffness
 _RIGID = "{}: the stiffness and the damping must be finite; a joint holds without giving way"
 
 
@@ -34,8 +34,8 @@ class AppliedForce(Connection):
     def element(self, undeformed: Undeformed) -> Element:
         """Springs and loads that make up the force, in the plane or in space.
 
-        ``undeformed`` has the placements, which supply what the force leaves open, and the
-        dimension. A ValueError refuses what has no meaning there.
+        ``undeformed`` has the dimension and the placements, from which lengths and angles follow
+        that the force does not give. A ValueError refuses arguments without meaning there.
         """
         raise NotImplementedError
 
@@ -202,10 +202,10 @@ class TorsionalSpringDamper(_Between):
     axis: Triple = (0.0, 0.0, 1.0)
 
     def element(self, undeformed: Undeformed) -> Element:
-        given = self.angle is not None
-        row = relative_angle(self.a, self.b, self.axis, undeformed, given)
-        rest = 0.0 if self.angle is None else self.angle
-        return Element((SpringRow(row, self.stiffness, self.damping, rest),))
+        has_angle = self.angle is not None
+        row = relative_angle(self.a, self.b, self.axis, undeformed, has_angle)
+        free_angle = 0.0 if self.angle is None else self.angle
+        return Element((SpringRow(row, self.stiffness, self.damping, free_angle),))
 
     def _check(self, what: str) -> None:
         super()._check(what)
@@ -250,22 +250,22 @@ class Bushing(AppliedForce):
         unit, springs = np.eye(3), []
         for k in range(3):
             law = (self.stiffness[k], self.damping[k])
-            turn = (self.torsional_stiffness[k], self.torsional_damping[k])
+            torsion = (self.torsional_stiffness[k], self.torsional_damping[k])
             if any(law):
                 springs.append(SpringRow(on_plane(self.a, self.b, unit[k]), *law))
-            if any(turn):
-                own = undeformed.seen_from(self.a, self.b, unit[(k + 1) % 3])
-                ends = direction(self.a, own), direction(self.b, unit[(k + 2) % 3])
-                springs.append(SpringRow(Row(RowKind.DOT, ends), *turn))
+            if any(torsion):
+                in_first_marker = undeformed.seen_from(self.a, self.b, unit[(k + 1) % 3])
+                ends = direction(self.a, in_first_marker), direction(self.b, unit[(k + 2) % 3])
+                springs.append(SpringRow(Row(RowKind.DOT, ends), *torsion))
         return Element(tuple(springs))
 
     def _check(self, what: str) -> None:
-        for part in ("stiffness", "damping", "torsional_stiffness", "torsional_damping"):
-            where = f"{what}: the {part.replace('_', ' ')}"
-            if np.any(validation.numbers(where, getattr(self, part)) == np.inf):
+        for name in ("stiffness", "damping", "torsional_stiffness", "torsional_damping"):
+            label = f"{what}: the {name.replace('_', ' ')}"
+            if np.any(validation.numbers(label, getattr(self, name)) == np.inf):
                 raise ValueError(_RIGID.format(what))
-            for value in validation.real_array(where, getattr(self, part), (3,)):
-                validation.number(where, float(value), least=0.0)
+            for value in validation.real_array(label, getattr(self, name), (3,)):
+                validation.number(label, float(value), least=0.0)
 
 
 def _axes(marker: Marker) -> tuple[BodyVector, ...]:

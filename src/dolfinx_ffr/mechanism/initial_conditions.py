@@ -28,10 +28,11 @@ from .rotation import (
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a body starts, roughly: position and velocity are corrected so that the joints close.
+    """The approximate position and velocity of a body at the start.
 
-    The correction is the smallest one in position and angle (velocities alike). In space the
-    position has three components, and a rotation takes the place of the angle.
+    They are corrected so that the joints close, by the smallest change of position and angle, and
+    of their velocities. In space the position has three components, and a rotation takes the place
+    of the angle.
 
     Attributes:
         position: Position of the origin of the body's frame, of three components in space [m].
@@ -57,21 +58,21 @@ class Placement:
         An angle of more than a full turn, as degrees are, brings a PlacementWarning.
         """
         spatial = self._spatial
-        for part in ("position", "velocity"):
-            check_position(f"{what}: {part}", getattr(self, part), spatial)
+        for vector in ("position", "velocity"):
+            check_position(f"{what}: {vector}", getattr(self, vector), spatial)
         ask_for_radians(f"{what}: angle", validation.number(f"{what}: angle", self.angle))
-        given = self.angular_velocity
-        if np.ndim(given) == 0:
-            validation.number(f"{what}: angular_velocity", given)
+        spin = self.angular_velocity
+        if np.ndim(spin) == 0:
+            validation.number(f"{what}: angular_velocity", spin)
         else:
             needed = "three components, those along the global axes in space"
-            where = f"{what}: angular_velocity"
-            validation.real_array(where, given, (3,), expected=needed)
+            spin_label = f"{what}: angular_velocity"
+            validation.real_array(spin_label, spin, (3,), expected=needed)
         if self.rotation is not None:
             checked_rotation(f"{what}: rotation", self.rotation)
         if spatial and self.angle != 0.0:
             raise ValueError(f"{what}: in space give a rotation instead of an angle")
-        if spatial and np.ndim(given) == 0 and given != 0.0:
+        if spatial and np.ndim(spin) == 0 and spin != 0.0:
             raise ValueError(f"{what}: in space angular_velocity must have three components")
 
     @property
@@ -106,18 +107,18 @@ class Placement:
 class Start:
     """How the motion begins."""
 
-    #: Whether the static equilibrium is sought from the placements, instead of staying close.
+    #: Whether the static equilibrium is sought, which may be far from the placements
     in_equilibrium: ClassVar[bool] = False
 
     def validate(self, modes: Mapping[str, int]) -> None:
-        """Refuse, by a ValueError, what does not fit the bodies' ``modes``, given by body name."""
+        """Raise a ValueError for values that do not fit the ``modes`` of the bodies, by name."""
 
     def elastic_state(self, body: str, modes: int) -> tuple[Array, Array]:
         """Elastic coordinates of a body at the start and their velocities, shape (modes,) each."""
         return np.zeros(modes), np.zeros(modes)
 
     def resized(self, modes: Mapping[str, int]) -> Start:
-        """The same start for bodies with other numbers of ``modes``, the first of them alike."""
+        """The same start for bodies with other numbers of ``modes``, of which the first agree."""
         return self
 
 
@@ -126,7 +127,7 @@ class Assembled(Start):
     """The placements, corrected so that the joints close; elastic coordinates zero or given.
 
     The corrections of position and angle, and of their velocities, are the smallest ones. First
-    the undeformed bodies are put together, then the given deformation is made up for.
+    the undeformed bodies are corrected, then the deformed ones.
 
     Attributes:
         elastic: Elastic coordinates at the start, shape (modes,), by name of the body; zero where
@@ -139,31 +140,33 @@ class Assembled(Start):
     elastic_velocity: Mapping[str, ArrayLike] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for what in ("elastic", "elastic_velocity"):
-            by_body = validation.by_name(f"start: {what}", getattr(self, what), "arrays")
+        for quantity in ("elastic", "elastic_velocity"):
+            by_body = validation.by_name(f"start: {quantity}", getattr(self, quantity), "arrays")
             for name, values in by_body.items():
-                validation.real_array(f"start: {what} of body {name!r}", values)
+                validation.real_array(f"start: {quantity} of body {name!r}", values)
 
     def validate(self, modes: Mapping[str, int]) -> None:
-        for what in ("elastic", "elastic_velocity"):
-            for name, values in getattr(self, what).items():
+        for quantity in ("elastic", "elastic_velocity"):
+            for name, values in getattr(self, quantity).items():
                 if name not in modes:
-                    raise ValueError(f"start: {what} of {name!r}, but the bodies are {list(modes)}")
+                    raise ValueError(
+                        f"start: {quantity} of {name!r}, but the bodies are {list(modes)}"
+                    )
                 if np.shape(values) != (modes[name],):
                     raise ValueError(
-                        f"start: {what} of body {name!r} must have shape {(modes[name],)}, but it "
-                        f"has shape {np.shape(values)}"
+                        f"start: {quantity} of body {name!r} must have shape {(modes[name],)}, "
+                        f"but it has shape {np.shape(values)}"
                     )
 
     def elastic_state(self, body: str, modes: int) -> tuple[Array, Array]:
-        none = np.zeros(modes)
-        values = (self.elastic.get(body, none), self.elastic_velocity.get(body, none))
+        zeros = np.zeros(modes)
+        values = (self.elastic.get(body, zeros), self.elastic_velocity.get(body, zeros))
         elastic, velocity = (np.array(array, dtype=np.float64) for array in values)
         return elastic, velocity
 
     def resized(self, modes: Mapping[str, int]) -> Assembled:
-        def sized(given: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
-            arrays = {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}
+        def sized(by_body: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
+            arrays = {name: np.asarray(array, dtype=np.float64) for name, array in by_body.items()}
             return {
                 name: np.append(array[: modes[name]], np.zeros(max(0, modes[name] - array.size)))
                 for name, array in arrays.items()
@@ -176,10 +179,10 @@ class Assembled(Start):
 class StaticEquilibrium(Start):
     """The static equilibrium under gravity and the forces at t = 0, the bodies deformed by them.
 
-    It holds r(y, 0, 0) + C_y^T lambda = 0 and C(y, 0) = 0, dampers and inertia left aside, and is
-    sought from the placements downhill, so that a pendulum comes to hang. The velocities are those
-    of the placements, corrected so that the joints close; the elastic coordinates start at rest.
-    Its dependence on the bodies counts in the gradient.
+    It satisfies r(y, 0, 0) + C_y^T lambda = 0 and C(y, 0) = 0, without dampers and inertia. The
+    search goes downhill from the placements, so that a pendulum comes to hang. The velocities are
+    those of the placements, corrected so that the joints close; the elastic coordinates start at
+    rest. The gradient contains its dependence on the bodies.
     """
 
     in_equilibrium: ClassVar[bool] = True

@@ -5,8 +5,8 @@ Each joint is one to six scalar constraint equations between two markers, its ro
 multipliers of the rows are the forces of the joint, :meth:`Trajectory.joint_force`. Most joints
 exist in the plane and in space; the last ones in this file exist in space only.
 
-A class is all that the package knows of a joint: a new one derives from :class:`Joint`, with its
-markers, its rows and, where pictures show something else than a pin, its symbols.
+A new joint is one class that derives from :class:`Joint`: its markers, its rows and, where pictures
+show something else than a pin, its symbols.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from .undeformed import (
 
 #: The global axes.
 _GROUND = Ground()
-#: Joints of two markers at one point, by dimension.
+#: Joints of two markers at one point, by dimension
 _PINS = {2: "Revolute", 3: "Spherical"}
-#: Cosine of the angle of two axes beyond the error of rough placements.
+#: Largest cosine of two axes that are perpendicular in rough placements
 _ASKEW = 0.5
 
 
@@ -51,24 +51,29 @@ class Joint(Connection):
     def rows(self, undeformed: Undeformed) -> list[Row]:
         """The scalar constraint equations of the joint, in the plane or in space.
 
-        ``undeformed`` has the placements, which supply what the joint leaves open, and the
-        dimension. A ValueError refuses what has no meaning there.
+        ``undeformed`` has the dimension and the placements, from which lengths and angles follow
+        that the joint does not give. A ValueError refuses arguments without meaning there.
         """
         raise NotImplementedError
 
     def _check(self, what: str) -> None:
-        """Refuse directions, motions and angles that are none, known by the types of fields."""
-        for part in fields(self):
-            given, said = getattr(self, part.name), f"{what}: the {part.name.replace('_', ' ')}"
-            if part.type == "Motion":
+        """Check the fields that are declared as directions, motions or numbers."""
+        for member in fields(self):
+            value, field_label = (
+                getattr(self, member.name),
+                f"{what}: the {member.name.replace('_', ' ')}",
+            )
+            if member.type == "Motion":
                 needed = "a Motion (Motion.constant(...) where the coordinate is held)"
-                validation.instance(said, given, Motion, needed)
-            elif part.type == "float | None" and given is not None:
-                validation.number(said, given)
-            elif part.type == "Pair | Triple" and np.shape(given) != (3,):
-                validation.direction(f"{said} of the line", given, 2, expected="two components")
-            elif part.type in ("Triple", "Triple | None", "Pair | Triple") and given is not None:
-                axis_vector(said, given)
+                validation.instance(field_label, value, Motion, needed)
+            elif member.type == "float | None" and value is not None:
+                validation.number(field_label, value)
+            elif member.type == "Pair | Triple" and np.shape(value) != (3,):
+                validation.direction(
+                    f"{field_label} of the line", value, 2, expected="two components"
+                )
+            elif member.type in ("Triple", "Triple | None", "Pair | Triple") and value is not None:
+                axis_vector(field_label, value)
 
 
 @dataclass(frozen=True)
@@ -102,9 +107,9 @@ class Revolute(_Between):
 
 @dataclass(frozen=True)
 class Weld(_Between):
-    """Two markers coincide and keep their relative angle: three rows, in space six.
+    """Two markers coincide at a constant relative angle: three rows, in space six.
 
-    In space they keep their relative rotation in the placements.
+    In space the relative rotation is that of the placements.
 
     Attributes:
         a: First marker.
@@ -153,11 +158,11 @@ class PointOnLine(Joint):
 
 @dataclass(frozen=True)
 class Translational(_Between):
-    """A sliding joint that keeps the relative angle: two rows, in space five (a prismatic joint).
+    """A sliding joint with a constant relative angle: two rows, in space five (a prismatic joint).
 
     The first marker stays on a line through the second, which is fixed to the axes of the second
-    and turns with them, and its angle against the second does not change. In space the markers keep
-    their relative rotation in the placements.
+    and turns with them, and its angle against the second does not change. In space the relative
+    rotation is that of the placements.
 
     Attributes:
         a: First marker.
@@ -238,15 +243,15 @@ class Gear(_Between):
         ]
         lines = [direction(carrier, line), direction(carrier, np.cross(axis, line))]
         # a wheel in a ring has its pitch circle on one side of both centres
-        along = abs(distance / (1.0 - self.ratio)) * np.cos(self.pressure_angle)
-        apart = -np.sign(self.ratio) * distance * np.sin(self.pressure_angle)
+        lever = abs(distance / (1.0 - self.ratio)) * np.cos(self.pressure_angle)
+        separating = -np.sign(self.ratio) * distance * np.sin(self.pressure_angle)
         return [
             Row(
                 RowKind.MESH,
                 (*wheels, point(self.a), point(self.b), *lines),
-                normal=(float(along), float(-self.ratio * along), 0.0),
-                ratio=float(apart),
-                constant=float(apart * np.log(distance)),
+                normal=(float(lever), float(-self.ratio * lever), 0.0),
+                ratio=float(separating),
+                constant=float(separating * np.log(distance)),
             )
         ]
 
@@ -473,16 +478,16 @@ class Universal(_Between):
     dimension: ClassVar[int | None] = 3
 
     def rows(self, undeformed: Undeformed) -> list[Row]:
-        here = undeformed.axes(self.a) @ np.asarray(self.axis)
-        there = undeformed.axes(self.b) @ np.asarray(self.second_axis)
-        cosine = float(here @ there / (np.linalg.norm(here) * np.linalg.norm(there)))
+        axis_a = undeformed.axes(self.a) @ np.asarray(self.axis)
+        axis_b = undeformed.axes(self.b) @ np.asarray(self.second_axis)
+        cosine = float(axis_a @ axis_b / (np.linalg.norm(axis_a) * np.linalg.norm(axis_b)))
         if abs(cosine) > _ASKEW:
             angle = np.degrees(np.arccos(np.clip(abs(cosine), 0.0, 1.0)))
-            how = f"at {angle:.3g} degrees" if angle > 1e-3 else "parallel"
+            attitude = f"at {angle:.3g} degrees" if angle > 1e-3 else "parallel"
             raise ValueError(
                 f"{undeformed.user}: the two axes of the universal joint must be perpendicular, "
-                f"but in the placements they are {how}; give each fork its axis, in the axes of "
-                "its own marker"
+                f"but in the placements they are {attitude}; give each fork its axis, in the axes "
+                "of its own marker"
             )
         forks = direction(self.a, self.axis), direction(self.b, self.second_axis)
         return [*coincidence(self.a, self.b, undeformed), Row(RowKind.DOT, forks)]

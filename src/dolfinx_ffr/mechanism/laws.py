@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Laws of motion: value, velocity and acceleration of a coordinate, in the classes behind `Motion`.
 
-Each is a class with these three functions of an array of times, as such functions can be pickled,
-which those within a function cannot. Derivatives are those of the formulas, not differences.
+Each is a class whose methods are these three functions of an array of times; methods can be
+pickled, functions within a function cannot. Derivatives are exact.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from scipy.interpolate import BSpline, make_interp_spline
 from .. import validation
 from ..arrays import Array, Mask
 
-#: Numbers of which something is made, (numbers,), and all else, or None where they are not known
+#: Numbers that define something, (numbers,), and its other properties; None if these are not known
 Stated: TypeAlias = tuple[Array, Hashable]
 _Derivative = tuple[Array, Mask, Mask]
 
-#: What a spline may do at an end.
+#: Motions at an end of a spline
 ENDS = ("rest", "uniform", "natural")
-#: Degrees of splines; less would let accelerations have kinks.
+#: Degrees of splines; with lower ones accelerations have kinks
 DEGREES = (5, 7)
-#: Parts of a spline's length by which times may be outside of it, as round-off is.
+#: Part of a spline's length by which times may be outside of it, which allows for round-off
 _SLACK = 1e-9
-#: Part of its length by which two values of a spline must be apart: at 1e-8 round-off takes half
-#: of the digits of accelerations, at 1e-9 all of those of values.
+#: Smallest distance of two values of a spline, as a part of its length: at 1e-8 round-off takes
+#: half of the digits of accelerations, at 1e-9 all digits of values
 _NEAREST = 1e-7
-#: Most numbers in the matrix of a fit.
+#: Largest number of entries in the matrix of a fit, 160 MB
 _LARGEST_FIT = 20_000_000
-#: Most instants for which the values of B-splines are kept.
-_MOST_KEPT = 20_000
-#: Most values of a spline whose coefficients are found by a matrix.
+#: Largest number of instants for which the values of B-splines are stored
+_MOST_STORED = 20_000
+#: Largest number of values of a spline whose coefficients a matrix gives
 _MOST_VALUES = 400
 
 
@@ -58,10 +58,10 @@ class Law(Protocol):
         """Its second derivative."""
 
     def stated(self) -> Stated:
-        """The numbers of which it is made, (numbers,), and all else; else None if not known."""
+        """The numbers that define it, (numbers,), and its other properties; None if not known."""
 
     def pullback(self, t: Array, bars: Array) -> Array:
-        """Derivatives by the numbers from those by its functions at times (n,), shape (3, n)."""
+        """Derivatives by the numbers from derivatives by the functions at times (n,), (3, n)."""
 
 
 class OutsideError(ValueError):
@@ -69,7 +69,7 @@ class OutsideError(ValueError):
 
 
 class _Formula:
-    """The three functions of a law by one that has the order of the derivative."""
+    """A law whose three functions are one function, `at`, of the order of the derivative."""
 
     def at(self, order: int, t: Array) -> Array:
         raise NotImplementedError
@@ -110,7 +110,7 @@ class SmoothStep(_Formula):
 
 @dataclass(frozen=True, eq=False)
 class Polynomial(_Formula):
-    """The coefficients of a polynomial of time."""
+    """A polynomial of time."""
 
     coefficients: Array  #: (coefficients,)
 
@@ -211,8 +211,8 @@ class OnCircle(_Formula):
 
     def stated(self) -> Stated:
         numbers, fixed = self.angle.stated()
-        own_numbers = np.array([self.middle, self.cosine, self.sine, *numbers])
-        return own_numbers, fixed and (OnCircle, fixed)
+        all_numbers = np.array([self.middle, self.cosine, self.sine, *numbers])
+        return all_numbers, fixed and (OnCircle, fixed)
 
     def at(self, order: int, t: Array) -> Array:
         phi = self.angle.value(t)
@@ -258,9 +258,9 @@ def _parts(law: Law) -> tuple[Callable[[Array], ArrayLike], ...]:
 
 
 class _LinearMap(NamedTuple):
-    """From the values of a spline to the coefficients of its B-splines, by order of derivative."""
+    """Matrices from the values of a spline to coefficients of B-splines, by order of derivative."""
 
-    fixed: Hashable  #: What it depends on
+    fixed: Hashable  #: Places of the values, degree and ends, on which the matrices depend
     knots: tuple[Array, Array, Array]
     degrees: tuple[int, int, int]
     matrices: tuple[Array, Array, Array]  #: (coefficients, values) each
@@ -268,15 +268,15 @@ class _LinearMap(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Spline(_Formula):
-    """A spline over time, and how it goes on beyond its ends."""
+    """A spline over time, which goes on beyond its ends at rest, uniformly or periodically."""
 
     start: float  #: Time of the first value [s]
     unit: float  #: Time for which one unit of the splines' variable stands [s]
     length: float  #: Length of the splines in these units
     ends: tuple[str, str]
-    given: BSpline | Array  #: The spline; or the values that the ``linear_map`` takes to it.
+    source: BSpline | Array  #: The spline, or the values from which ``linear_map`` makes it
     linear_map: _LinearMap | None = None
-    #: By order of the derivative the last times and what was found for them
+    #: By order of the derivative the last times, and the derivative there
     _cache: dict[int, tuple[Array, _Derivative]] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -285,15 +285,17 @@ class Spline(_Formula):
     def parts(self) -> list[BSpline]:
         """The spline and its derivatives by the variable."""
         if self.linear_map is None:
-            assert isinstance(self.given, BSpline)
-            return [self.given, self.given.derivative(1), self.given.derivative(2)]
-        _, *each = self.linear_map
-        return [BSpline.construct_fast(t, m @ self.given, k) for t, k, m in zip(*each, strict=True)]
+            assert isinstance(self.source, BSpline)
+            return [self.source, self.source.derivative(1), self.source.derivative(2)]
+        _, *by_order = self.linear_map
+        return [
+            BSpline.construct_fast(t, m @ self.source, k) for t, k, m in zip(*by_order, strict=True)
+        ]
 
     def stated(self) -> Stated:
         if self.linear_map is None:
             return np.zeros(0), None
-        return np.asarray(self.given), (
+        return np.asarray(self.source), (
             Spline,
             self.start,
             self.unit,
@@ -329,18 +331,19 @@ class Spline(_Formula):
         return tuple(t for t, end in edges_and_ends if end in ("rest", "uniform"))
 
     def _derivative(self, order: int, t: Array) -> _Derivative:
-        """Derivative by t of the spline at times (n,), or at the end beyond; what is beyond.
+        """Derivative by t of the spline at times (n,), and masks of times before and after it.
 
-        That last found is kept: a crank's pin asks for the same angle many times.
+        Beyond an end it is the derivative at this end. The last result is stored, as a crank's pin
+        asks for the same angle many times.
         """
         stored = self._cache.get(order)
         if stored is None or not np.array_equal(stored[0], t):
             stored = self._cache[order] = np.array(t), self._evaluate(order, t)
-        values, before, after = stored[1]
-        return values.copy(), before, after
+        values, below, above = stored[1]
+        return values.copy(), below, above
 
     def _places(self, t: Array) -> tuple[Array, Array]:
-        """The variable at times, and the same between the ends, (n,) each."""
+        """The variable at times, and the variable clipped to the spline, (n,) each."""
         x = (np.asarray(t, dtype=np.float64) - self.start) / self.unit
         if self.ends[0] == "periodic":
             x = np.mod(x, self.length)
@@ -354,16 +357,16 @@ class Spline(_Formula):
     def _evaluate(self, order: int, t: Array) -> _Derivative:
         x, inside = self._places(t)
         slack = _SLACK * self.length
-        for end, beyond in zip(self.ends, (x < -slack, x > self.length + slack), strict=True):
-            if end == "natural" and np.any(beyond):
-                first, last = self._edges
+        for end_kind, beyond in zip(self.ends, (x < -slack, x > self.length + slack), strict=True):
+            if end_kind == "natural" and np.any(beyond):
+                start, end = self._edges
                 raise OutsideError(
-                    f"is known from {first:.6g} s to {last:.6g} s alone, not at t = "
+                    f"is known from {start:.6g} s to {end:.6g} s alone, not at t = "
                     f"{np.asarray(t)[beyond][0]:.6g} s; give more of it, or ends of rest, uniform "
                     "or periodic motion, which go on"
                 )
         derivative = self.parts[order]
-        if inside.ndim == 1 and inside.size <= _MOST_KEPT:
+        if inside.ndim == 1 and inside.size <= _MOST_STORED:
             basis = self._rows(order, t)
             values = basis @ derivative.c[: basis.shape[1]] / self.unit**order
         else:
@@ -381,21 +384,21 @@ class Spline(_Formula):
         return values
 
     def _at_rest(self, order: int, sides: Sequence[Mask]) -> Mask:
-        """Where a derivative is zero, of what is beyond the two ends, (n,) each."""
-        still = np.zeros(sides[0].shape, dtype=bool)
+        """Mask of the times beyond an end where a derivative is zero, from masks (n,) of both."""
+        at_rest = np.zeros(sides[0].shape, dtype=bool)
         for end, beyond in zip(self.ends, sides, strict=True):
             if end in ((), ("rest",), ("rest", "uniform"))[order]:
-                still |= beyond
-        return still
+                at_rest |= beyond
+        return at_rest
 
 
-#: Laws that know their numbers
+#: Laws with derivatives by their numbers
 KnownLaw: TypeAlias = SmoothStep | Polynomial | Fourier | Combined | OnCircle | Spline
 
 
 @lru_cache(maxsize=64)
 def _basis(knots: bytes, degree: int, x: bytes) -> Any:
-    """B-splines of some knots at places x, a sparse matrix: many splines differ by values alone."""
+    """Values of B-splines at places x, a sparse matrix that splines of the same knots share."""
     return BSpline.design_matrix(np.frombuffer(x), np.frombuffer(knots), degree)
 
 
@@ -409,9 +412,9 @@ def spline(
 ) -> Spline:
     """The spline through values (n,) at times (n,) [s], or fitted to them; see `Motion.spline`."""
     t = validation.real_array(f"{what}: times", times, (None,))
-    each = f"one value for each of the {t.size} times"
-    c = validation.real_array(f"{what}: values", values, (t.size,), expected=each)
-    both = _ends(what, ends)
+    one_value_each = f"one value for each of the {t.size} times"
+    c = validation.real_array(f"{what}: values", values, (t.size,), expected=one_value_each)
+    both_ends = _ends(what, ends)
     degree = int(validation.integer(f"{what}: the degree", degree))
     if degree not in DEGREES:
         raise ValueError(f"{what}: the degree must be 5 or 7, but it is {degree}")
@@ -422,7 +425,7 @@ def spline(
         raise ValueError(
             f"{what}: times must increase, but entry {k + 1} is {t[k + 1]:.9g} s after {t[k]:.9g} s"
         )
-    periodic = both[0] == "periodic"
+    periodic = both_ends[0] == "periodic"
     if periodic:
         c = _closed(what, c)
     knots, span = t, float(t[-1] - t[0])
@@ -441,7 +444,9 @@ def spline(
                 "more time between knots, or none to go through all values"
             )
         knots = np.linspace(t[0], t[-1], pieces + 1)
-    fewest = degree + 1 if periodic else 2 if both != ("natural", "natural") else (degree + 1) // 2
+    fewest = (
+        degree + 1 if periodic else 2 if both_ends != ("natural", "natural") else (degree + 1) // 2
+    )
     if knots.size < fewest:
         raise ValueError(
             f"{what}: a spline of degree {degree} with these ends needs at least {fewest} "
@@ -452,33 +457,33 @@ def spline(
     x = (knots - t[0]) / unit
     x[-1] = knots.size - 1
     if smoothing is not None:
-        c = _fitted(what, x, np.minimum((t - t[0]) / unit, x[-1]), c, degree, both)
-    extent = float(t[0]), unit, float(x[-1]), both
+        c = _fitted(what, x, np.minimum((t - t[0]) / unit, x[-1]), c, degree, both_ends)
+    extent = float(t[0]), unit, float(x[-1]), both_ends
     if smoothing is None and c.size <= _MOST_VALUES:
-        return Spline(*extent, c, _linear_map(x.tobytes(), degree, both))
-    return Spline(*extent, _through(x, c, degree, both))
+        return Spline(*extent, c, _linear_map(x.tobytes(), degree, both_ends))
+    return Spline(*extent, _through(x, c, degree, both_ends))
 
 
 def _ends(what: str, ends: str | tuple[str, str]) -> tuple[str, str]:
-    """What the spline does at both ends."""
-    said = f"{what}: ends"
+    """The motions at both ends, from one word for both or a pair of words."""
+    label = f"{what}: ends"
     if isinstance(ends, str):
-        word = validation.choice(said, ends, (*ENDS, "periodic"))
+        word = validation.choice(label, ends, (*ENDS, "periodic"))
         return word, word
-    pair = validation.listed(said, ends, "one word, or a pair of them for start and end")
+    pair = validation.listed(label, ends, "one word, or a pair of them for start and end")
     if len(pair) != 2:
-        raise ValueError(f"{said} must be one word, or a pair, but there are {len(pair)}")
-    first, last = (validation.choice(said, word, ENDS) for word in pair)
-    return first, last
+        raise ValueError(f"{label} must be one word, or a pair, but there are {len(pair)}")
+    start_kind, end_kind = (validation.choice(label, word, ENDS) for word in pair)
+    return start_kind, end_kind
 
 
 def _closed(what: str, values: Array) -> Array:
-    """Values of a period, the last like the first; a ValueError where they are not alike."""
+    """Values of a period, the last equal to the first; a ValueError where they differ."""
     if abs(values[-1] - values[0]) > 1e-9 * float(np.ptp(values)):
         raise ValueError(
             f"{what}: a periodic motion ends with its first value, {values[0]:.9g}, but the last "
-            f"is {values[-1]:.9g}; give the value at the end of the period, too, and add "
-            "Motion.polynomial for what it gains in a period"
+            f"is {values[-1]:.9g}; give the value at the end of the period, too, and add a "
+            "Motion.polynomial for the gain of a period"
         )
     return np.append(values[:-1], values[0])
 
@@ -486,23 +491,23 @@ def _closed(what: str, values: Array) -> Array:
 def _through(x: Array, values: Array, degree: int, ends: tuple[str, str]) -> BSpline:
     """The spline through values, shape (n,) or (n, columns), at x (n,).
 
-    Of degree 2 m - 1 it has m - 1 derivatives that vanish at each end: at rest the first ones, in
-    uniform motion those from the second on; those from order m on are natural, as the integral of
-    the squared derivative of order m is then the least.
+    A spline of degree 2 m - 1 has m - 1 derivatives that vanish at each end. They begin with the
+    first one at rest, with the second one in uniform motion, and with order m at a natural end,
+    where the integral of the squared derivative of order m is least.
     """
     if ends[0] == "periodic":
         return make_interp_spline(x, values, degree, bc_type="periodic")
     m, zero = (degree + 1) // 2, np.zeros(values.shape[1:]) if values.ndim > 1 else 0.0
-    first = {"rest": 1, "uniform": 2, "natural": m}
-    conditions = [[(first[end] + k, zero) for k in range(m - 1)] for end in ends]
+    first_order = {"rest": 1, "uniform": 2, "natural": m}
+    conditions = [[(first_order[end] + k, zero) for k in range(m - 1)] for end in ends]
     return make_interp_spline(x, values, degree, bc_type=tuple(conditions))
 
 
 @lru_cache(maxsize=16)
 def _linear_map(x: bytes, degree: int, ends: tuple[str, str]) -> _LinearMap:
-    """From values at x to the spline through them: many splines differ by their values alone.
+    """The matrices from values at x to the spline through them, which many splines share.
 
-    What vanishes at an end does so without round-off.
+    Derivatives that vanish at an end do so without round-off.
     """
     places = np.frombuffer(x)
     unit = np.eye(places.size)
@@ -519,24 +524,24 @@ def _linear_map(x: bytes, degree: int, ends: tuple[str, str]) -> _LinearMap:
 
 
 def _fitted(
-    what: str, x: Array, at: Array, values: Array, degree: int, ends: tuple[str, str]
+    what: str, x: Array, places: Array, values: Array, degree: int, ends: tuple[str, str]
 ) -> Array:
     """Values at knots x (knots,) whose spline is closest to values (n,) at some places, (n,)."""
-    if x.size * at.size > _LARGEST_FIT:
+    if x.size * places.size > _LARGEST_FIT:
         raise ValueError(
-            f"{what}: {x.size} knots are too many for a fit to {at.size} values; take more time "
-            "between knots, or fewer values"
+            f"{what}: {x.size} knots are too many for a fit to {places.size} values; take more "
+            "time between knots, or fewer values"
         )
     unknowns = np.eye(x.size)
     if ends[0] == "periodic":
         unknowns = unknowns[:, :-1]
         unknowns[-1, 0] = 1.0
-    matrix = _through(x, unknowns, degree, ends)(at)
+    matrix = _through(x, unknowns, degree, ends)(places)
     solution, _, rank, _ = scipy.linalg.lstsq(matrix, values, cond=1e-8, lapack_driver="gelsy")
     if rank < unknowns.shape[1]:
         raise ValueError(
             f"{what}: there are too few values near some of the {x.size} knots; between two values "
-            f"there are up to {np.max(np.diff(at)):.2g} distances of knots, so that smoothing must "
-            "be larger"
+            f"there are up to {np.max(np.diff(places)):.2g} distances of knots, so that smoothing "
+            "must be larger"
         )
     return np.asarray(unknowns @ solution)

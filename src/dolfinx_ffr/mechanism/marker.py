@@ -9,9 +9,9 @@ A :data:`Marker` is a name, not a shape function. It is one of
 * a point that moves as prescribed, :class:`Moving`: a crank of given motion is such a marker, not
   a body.
 
-What stands behind ``"left"`` is a :class:`BodyMarker`, the position and the shape functions of the
-reduced body at that point. The reduction makes it of an :class:`Interface`, boundary facets that
-move as one rigid body, or of a ``PointMarker``, a point of the mesh that deforms with the body.
+The name ``"left"`` stands for a :class:`BodyMarker`, the position and the shape functions of the
+reduced body at that point. The reduction makes it from an :class:`Interface`, boundary facets that
+move as one rigid body, or from a ``PointMarker``, a point of the mesh that deforms with the body.
 """
 
 from __future__ import annotations
@@ -189,11 +189,11 @@ class Moving:
 
     def direction(self, components: Triple) -> list[Motion]:
         """The motions of x, y and z of a direction of given ``components`` in the marker's axes."""
-        n, along = np.array(components), np.array(self.axis) / np.linalg.norm(self.axis)
+        n, axis_unit = np.array(components), np.array(self.axis) / np.linalg.norm(self.axis)
         start = np.eye(3) if self.rotation is None else rotation_matrix(self.rotation)
-        across = np.cross(along, n)
-        flat = -np.cross(along, across)
-        vectors = (start @ vector for vector in (n - flat, flat, across))
+        tangential = np.cross(axis_unit, n)
+        radial = -np.cross(axis_unit, tangential)
+        vectors = (start @ vector for vector in (n - radial, radial, tangential))
         return [
             self.angle.turning(*map(float, coefficients))
             for coefficients in zip(*vectors, strict=True)
@@ -221,9 +221,9 @@ class Moving:
         """
         length = validation.number(f"{name}: radius", radius)
         validation.instance(f"{name}: angle", angle, Motion, "a Motion")
-        spatial, what = np.shape(center) == (3,), f"{name}: center"
+        spatial, label = np.shape(center) == (3,), f"{name}: center"
         shape, expected = ((3,), "") if spatial else ((2,), "two components")
-        middle = validation.real_array(what, center, shape, expected=expected)
+        middle = validation.real_array(label, center, shape, expected=expected)
         normal = axis_vector(f"{name}: axis", axis) if spatial else (0.0, 0.0, 1.0)
         e_1, e_2 = perpendicular(normal)
         paths = []
@@ -239,7 +239,7 @@ Marker = BodyPoint | Ground | Moving
 
 
 def check_marker(what: str, marker: object) -> None:
-    """Refuse what is no marker with a TypeError."""
+    """Raise a TypeError for an object that is no marker."""
     if isinstance(marker, Ground | Moving):
         return
     names = marker if isinstance(marker, tuple) else ()
@@ -283,9 +283,9 @@ def axis_vector(what: str, axis: object) -> Triple:
 
 
 def check_position(what: str, position: object, spatial: bool) -> None:
-    """Refuse what is no position in the plane or, if ``spatial``, in space.
+    """Raise a ValueError for an object that is no position in the plane or in space.
 
-    Two zeros are the origin in space, too.
+    If ``spatial``, two components are refused unless they are zeros, the origin.
     """
     if np.shape(position) == (3,):  # type: ignore[arg-type]
         validation.real_array(what, position)

@@ -92,21 +92,21 @@ class Mechanism:
     start: Start = field(default_factory=Assembled)
     jumps: Sequence[float] = ()
 
-    # Of a `ParametricMechanism`: one with other numbers, at which nothing is alike by chance, and
-    # the volume integrals of bodies that it states itself.
+    # Of a `ParametricMechanism`: the mechanism at other numbers, of which no two are equal by
+    # chance, and the volume integrals of bodies that depend on parameters.
     twin: ClassVar[Mechanism | None] = None
     own_bodies: ClassVar[Mapping[str, Any]] = {}
 
     def __post_init__(self) -> None:
-        for what in ("gravity", "ground_acceleration"):
-            given = validation.listed(what, getattr(self, what), "a pair")
-            if len(given) not in (2, 3):
+        for name in ("gravity", "ground_acceleration"):
+            components = validation.listed(name, getattr(self, name), "a pair")
+            if len(components) not in (2, 3):
                 raise ValueError(
-                    f"{what} must have two components, in space three, but it has {len(given)}"
+                    f"{name} must have two components, in space three, but it has {len(components)}"
                 )
-            for axis, signal in zip("xyz", given, strict=False):
-                check_signal(f"{what} along {axis}", signal)
-            object.__setattr__(self, what, tuple(given))
+            for axis, signal in zip("xyz", components, strict=False):
+                check_signal(f"{name} along {axis}", signal)
+            object.__setattr__(self, name, tuple(components))
         validation.real_array("jumps", self.jumps, (None,))
         placements = validation.instances_by_name(
             "placements", self.placements, Placement, "Placement(...)"
@@ -118,32 +118,29 @@ class Mechanism:
         )
         for point in point_masses:
             check_marker("point mass", point.marker)
-            what = f"point mass at {marker_name(point.marker)}: the mass"
-            validation.number(what, point.mass, above=0.0, unit="kg")
+            label = f"point mass at {marker_name(point.marker)}: the mass"
+            validation.number(label, point.mass, above=0.0, unit="kg")
         damping = validation.instances_by_name(
             "damping", self.damping, RayleighDamping, "RayleighDamping(...)"
         )
         for name, coefficients in damping.items():
-            for part in ("alpha", "beta"):
-                what = f"damping of body {name!r}: {part}"
-                validation.number(what, getattr(coefficients, part), least=0.0)
+            for coefficient in ("alpha", "beta"):
+                label = f"damping of body {name!r}: {coefficient}"
+                validation.number(label, getattr(coefficients, coefficient), least=0.0)
         validation.instance("start", self.start, Start, "Assembled(...) or StaticEquilibrium()")
         joints = validation.instances("joints", self.joints, Joint, "joints, as Revolute(...)")
         forces = validation.instances("forces", self.forces, AppliedForce, "forces, as Force(...)")
-        for what, things in (
-            ("joints", joints),
-            ("forces", forces),
-            ("point_masses", point_masses),
-        ):
-            object.__setattr__(self, what, things)
-        for thing, label in self.connections:
-            thing.validate(label)
+        object.__setattr__(self, "joints", joints)
+        object.__setattr__(self, "forces", forces)
+        object.__setattr__(self, "point_masses", point_masses)
+        for connection, label in self.connections:
+            connection.validate(label)
 
     @property
     def connections(self) -> list[tuple[Connection, str]]:
         """All joints and forces, each with its name."""
-        things: tuple[Connection, ...] = (*self.joints, *self.forces)
-        return list(zip(things, [*self.joint_names, *self.force_names], strict=True))
+        connections: tuple[Connection, ...] = (*self.joints, *self.forces)
+        return list(zip(connections, [*self.joint_names, *self.force_names], strict=True))
 
     @cached_property
     def joint_names(self) -> list[str]:
@@ -156,15 +153,15 @@ class Mechanism:
         return _names(self.forces, "forces")
 
 
-def _names(things: Sequence[Connection], what: str) -> list[str]:
+def _names(connections: Sequence[Connection], kind: str) -> list[str]:
     """Names of all joints or all forces; a ValueError if a given name stands twice."""
     names: list[str] = []
-    for thing in things:
-        label, count = thing.label, 1
+    for connection in connections:
+        label, count = connection.label, 1
         while label in names:
-            if getattr(thing, "name", ""):
-                raise ValueError(f"two {what} have the name {label!r}")
+            if getattr(connection, "name", ""):
+                raise ValueError(f"two {kind} have the name {label!r}")
             count += 1
-            label = f"{thing.label} #{count}"
+            label = f"{connection.label} #{count}"
         names.append(label)
     return names

@@ -32,12 +32,14 @@ from .table import read_motion
 TimeFunction = Callable[[Array], ArrayLike]
 _Made: TypeAlias = KnownLaw | Composed
 
-#: Instants at which derivatives are compared with differences: all over an interval, and as many
-#: where something moves, of so many that are looked at.
-_CHECKS, _SCAN = 97, 1001
-#: Steps of the differences, in parts of the interval; the shorter ones where the first disagree.
+#: Number of instants at which derivatives are compared with differences, over the whole interval
+#: and again where the motion changes
+_CHECKS = 97
+#: Number of instants by which it is seen where the motion changes
+_SCAN = 1001
+#: Steps of the differences, as parts of the interval; where one disagrees the next one is tried
 _STEPS = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
-#: Length of a name beyond which a sum of motions is called by that word.
+#: Length of a name beyond which a sum of motions is named "sum"
 _LONGEST_NAME = 60
 
 
@@ -69,8 +71,8 @@ class Motion:
     def __post_init__(self) -> None:
         validation.name("motion: name", self.name)
         for function in ("value", "velocity", "acceleration"):
-            what = f"motion {self.name!r}: the {function}"
-            validation.function(what, getattr(self, function), "an array of times")
+            label = f"motion {self.name!r}: the {function}"
+            validation.function(label, getattr(self, function), "an array of times")
         validation.real_array(f"motion {self.name!r}: jumps", self.jumps, (None,))
 
     @staticmethod
@@ -170,17 +172,17 @@ class Motion:
                 last value must be the first.
             degree: 5 or 7; of degree 7 accelerations have four continuous derivatives.
             smoothing: Distance of the knots of a spline with these ends that is fitted to the
-                values by least squares, instead of passing through all of them [s]: what changes
-                within that time is taken for noise. The last distance fits by the others becoming a
-                little shorter. None: no smoothing.
+                values by least squares, instead of passing through all of them [s]: changes within
+                that time are smoothed as noise. The distance is shortened so that it divides the
+                interval. None: no smoothing.
             name: Name for messages and plots.
 
 
         The natural spline is that of I. J. Schoenberg, Proceedings of the National Academy of
         Sciences 52 (1964), doi:10.1073/pnas.52.4.947.
         """
-        what = f"spline {name!r}" if name else "spline"
-        law = spline(what, times, values, ends, degree, smoothing)
+        label = f"spline {name!r}" if name else "spline"
+        law = spline(label, times, values, ends, degree, smoothing)
         return Motion._of_law(law, name or "spline", law.jumps)
 
     @staticmethod
@@ -235,15 +237,15 @@ class Motion:
 
     @property
     def _law(self) -> KnownLaw | None:
-        """The law behind the three functions, if it knows its numbers."""
-        law, others = getattr(self.value, "__self__", None), (self.velocity, self.acceleration)
-        is_law = isinstance(law, KnownLaw) and all(
-            getattr(f, "__self__", None) is law for f in others
-        )
-        return law if is_law else None
+        """The law whose methods the three functions are, if it has derivatives by its numbers."""
+        law, derivatives = getattr(self.value, "__self__", None), (self.velocity, self.acceleration)
+        if not isinstance(law, KnownLaw):
+            return None
+        of_one_law = all(getattr(function, "__self__", None) is law for function in derivatives)
+        return law if of_one_law else None
 
     def stated(self) -> Stated:
-        """The numbers of which the motion is made, (numbers,), and all else; None if not known."""
+        """The numbers that define the motion, (numbers,), and its other properties, or None."""
         law = self._law
         return (np.zeros(0), None) if law is None else law.stated()
 
@@ -260,22 +262,22 @@ class Motion:
     def turning(self, middle: float, cosine: float, sine: float) -> Motion:
         """The motion of a coordinate that turns with this angle.
 
-        It is middle + cosine cos(c) + sine sin(c), as those of a point on a circle are.
+        It is middle + cosine cos(c) + sine sin(c), as the coordinates of a point on a circle.
         """
         return Motion._of_law(OnCircle(middle, cosine, sine, self), self.name, self.jumps)
 
-    def _sum(self, other: object, sign: float) -> Motion:
+    def _sum(self, added: object, sign: float) -> Motion:
         """This motion plus or minus another, or a number."""
-        if isinstance(other, Motion):
-            name, jumps = f"{self.name} {'+' if sign > 0.0 else '-'} {other.name}", other.jumps
+        if isinstance(added, Motion):
+            name, jumps = f"{self.name} {'+' if sign > 0.0 else '-'} {added.name}", added.jumps
             name = name if len(name) <= _LONGEST_NAME else "sum"
-        elif validation.is_number(other):
-            # The same words as for a constant of its own
-            other = Motion.constant(other)  # type: ignore[arg-type]
+        elif validation.is_number(added):
+            # a message about the number is that of a constant motion
+            added = Motion.constant(added)  # type: ignore[arg-type]
             name, jumps = self.name, ()
         else:
             return NotImplemented
-        law = Combined(((1.0, self), (sign, other)))
+        law = Combined(((1.0, self), (sign, added)))
         return Motion._of_law(law, name, tuple(sorted({*self.jumps, *jumps})))
 
     def __add__(self, other: Motion | float) -> Motion:
@@ -323,26 +325,26 @@ class Motion:
                 found if the inner motion is a polynomial of degree 1, or this one has no jumps.
         """
         validation.instance(f"motion {self.name!r} of", inner, Motion, "a Motion")
-        what = f"motion {self.name!r} of {inner.name!r}: jumps"
+        label = f"motion {self.name!r} of {inner.name!r}: jumps"
         if jumps is None:
-            known = self._passed(inner)
-            if known is None:
+            passages = self._passed(inner)
+            if passages is None:
                 raise ValueError(
-                    f"{what} cannot be found: give the times at which {inner.name!r} passes "
+                    f"{label} cannot be found: give the times at which {inner.name!r} passes "
                     f"{list(self.jumps)}, where {self.name!r} is not smooth"
                 )
         else:
-            known = validation.real_array(what, jumps, (None,))
-            values = sample(inner, known, f"motion {inner.name!r}: the value")
-            for t, x in zip(known, values, strict=True):
+            passages = validation.real_array(label, jumps, (None,))
+            values = sample(inner, passages, f"motion {inner.name!r}: the value")
+            for t, x in zip(passages, values, strict=True):
                 if not any(abs(x - jump) <= 1e-6 * max(abs(jump), 1.0) for jump in self.jumps):
                     raise ValueError(
-                        f"{what}: at t = {t:g} s {inner.name!r} is {x:.9g}, but {self.name!r} has "
+                        f"{label}: at t = {t:g} s {inner.name!r} is {x:.9g}, but {self.name!r} has "
                         f"its jumps at {list(self.jumps)}"
                     )
-        every = {*inner.jumps, *(float(t) for t in known)}
+        all_jumps = {*inner.jumps, *(float(t) for t in passages)}
         name = f"{self.name} of {inner.name}"
-        return Motion._of_law(Composed(self, inner), name, tuple(sorted(every)))
+        return Motion._of_law(Composed(self, inner), name, tuple(sorted(all_jumps)))
 
     def _passed(self, inner: Motion) -> Array | None:
         """Times at which another motion passes the jumps of this one [s], None if not known."""
@@ -361,16 +363,16 @@ class Motion:
             ValueError: If a function returns another shape, NaN or infinity.
         """
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        what = f"motion {self.name!r}: the"
-        parts = ("value", "velocity", "acceleration")
-        return np.stack([sample(getattr(self, part), t, f"{what} {part}") for part in parts])
+        label = f"motion {self.name!r}: the"
+        names = ("value", "velocity", "acceleration")
+        return np.stack([sample(getattr(self, name), t, f"{label} {name}") for name in names])
 
     def check(self, start: float, end: float, tolerance: float = 1e-3) -> None:
         """Compare velocity and acceleration with differences over an interval.
 
-        Where something moves there are more instants, and the differences become shorter until they
-        agree, or round-off hides them: short motions, jumps and long rests matter as little as the
-        length of the interval.
+        More instants are compared where the motion changes, and the steps of the differences become
+        shorter until they agree or round-off hides them, so that short motions, jumps and long
+        rests are treated as well.
 
         Args:
             start: Start of the interval [s].
@@ -383,35 +385,35 @@ class Motion:
         """
         step = _STEPS[0] * (end - start)
         t = np.clip(self._lively_instants(start, end), start + step, end - step)
-        here = self.tabulate(t)
-        allowed = tolerance * np.max(np.abs(here[1:]), axis=1)
-        noise = 1e-14 * np.max(np.abs(here[:2]), axis=1)
+        table = self.tabulate(t)
+        allowed = tolerance * np.max(np.abs(table[1:]), axis=1)
+        noise = 1e-14 * np.max(np.abs(table[:2]), axis=1)
         for row, (low, high) in enumerate((("value", "velocity"), ("velocity", "acceleration"))):
-            function, what = getattr(self, low), f"motion {self.name!r}: the {low}"
-            wrong, found = np.arange(t.size), 0.0 * t
+            function, label = getattr(self, low), f"motion {self.name!r}: the {low}"
+            suspects, slopes = np.arange(t.size), 0.0 * t
             for step in (end - start) * np.array(_STEPS):
-                at = t[wrong]
-                before, after = (sample(function, at + k * step, what) for k in (-1, 1))
-                found[wrong] = (after - before) / ((at + step) - (at - step))
-                error = np.abs(found[wrong] - here[row + 1, wrong])
-                open_ = error > allowed[row] + noise[row] / step
-                wrong, error = wrong[open_], error[open_]
+                instants = t[suspects]
+                below, above = (sample(function, instants + k * step, label) for k in (-1, 1))
+                slopes[suspects] = (above - below) / ((instants + step) - (instants - step))
+                error = np.abs(slopes[suspects] - table[row + 1, suspects])
+                disagrees = error > allowed[row] + noise[row] / step
+                suspects, error = suspects[disagrees], error[disagrees]
                 # The next step would hide the error of a point behind round-off.
-                if not wrong.size or np.any(100.0 * noise[row] > error * step):
+                if not suspects.size or np.any(100.0 * noise[row] > error * step):
                     break
-            if wrong.size:
-                worst = wrong[np.argmax(np.abs(found - here[row + 1])[wrong])]
+            if suspects.size:
+                worst = suspects[np.argmax(np.abs(slopes - table[row + 1])[suspects])]
                 raise ValueError(
                     f"motion {self.name!r}: the {high} is not the derivative of the {low}: at "
-                    f"t = {t[worst]:.6g} s it is {here[row + 1, worst]:.6g}, but differences give "
-                    f"{found[worst]:.6g}"
+                    f"t = {t[worst]:.6g} s it is {table[row + 1, worst]:.6g}, but differences give "
+                    f"{slopes[worst]:.6g}"
                 )
 
     def _lively_instants(self, start: float, end: float) -> Array:
         """Instants over an interval, half of them where value and velocity change; (n,) [s]."""
         scan = np.linspace(start, end, _SCAN)
-        parts = (("value", self.value), ("velocity", self.velocity))
-        table = [sample(f, scan, f"motion {self.name!r}: the {part}") for part, f in parts]
+        functions = (("value", self.value), ("velocity", self.velocity))
+        table = [sample(f, scan, f"motion {self.name!r}: the {name}") for name, f in functions]
         changes = np.abs(np.diff(table))
         changes /= np.maximum(np.sum(changes, axis=1, keepdims=True), np.finfo(float).tiny)
         shares = np.cumsum(np.sum(changes, axis=0), dtype=np.float64)

@@ -18,14 +18,14 @@ from .. import validation
 from ..arrays import Array, Mask
 from .mechanism import Mechanism
 
-#: Share of the ranges by which the values differ at which vectors are compared a second time.
-_APART = 1e-4
-#: Share of its range within which a parameter stands at a bound
-_AT = 1e-3
+#: Part of its range by which a parameter of the twin differs
+_TWIN_SHIFT = 1e-4
+#: Part of its range within which a parameter stands at a bound
+_AT_BOUND = 1e-3
 
 
 class TopologyError(ValueError):
-    """A function of parameters that returns another machine for other values."""
+    """A function of parameters returns a machine of other joints or bodies for other values."""
 
 
 class Parameter(NamedTuple):
@@ -53,7 +53,7 @@ class Parameters:
         ffr.Parameters(stiffness=(1e4, 1e3, 1e5), damping=(10.0, 0.0, 50.0, "N s/m"))
 
     Args:
-        given: By name (value, lower bound, upper bound), and where wanted the unit, and the scale
+        entries: By name (value, lower bound, upper bound), and optionally the unit, and the scale
             "linear" or "log" of the steps of an optimiser (`mechanism.Parameter`).
 
     Raises:
@@ -61,25 +61,25 @@ class Parameters:
             or not apart, or not positive with the scale "log".
     """
 
-    def __init__(self, /, **given: tuple[Any, ...]) -> None:
-        if not given:
+    def __init__(self, /, **entries: tuple[Any, ...]) -> None:
+        if not entries:
             raise ValueError("parameters: none are given; give name=(value, lower, upper)")
         #: By name, in the order of the variables
         self.entries: dict[str, Parameter] = {}
-        for name, entry in given.items():
-            what = f"parameter {name!r}"
+        for name, entry in entries.items():
+            label = f"parameter {name!r}"
             if not (isinstance(entry, tuple | list) and 3 <= len(entry) <= 5):
                 raise TypeError(
-                    f"{what} must be (value, lower, upper), and where wanted unit and scale, but "
+                    f"{label} must be (value, lower, upper), optionally with unit and scale, but "
                     f"it is {validation.described(entry)}"
                 )
             parameter = Parameter(*entry)
-            validation.choice(f"{what}: scale", parameter.scale, ("linear", "log"))
-            validation.instance(f"{what}: unit", parameter.unit, str, "a text")
+            validation.choice(f"{label}: scale", parameter.scale, ("linear", "log"))
+            validation.instance(f"{label}: unit", parameter.unit, str, "a text")
             above = 0.0 if parameter.scale == "log" else -math.inf
-            lower = validation.number(f"lower bound of {what}", parameter.lower, above=above)
-            upper = validation.number(f"upper bound of {what}", parameter.upper, above=lower)
-            value = validation.number(what, parameter.value, least=lower, most=upper)
+            lower = validation.number(f"lower bound of {label}", parameter.lower, above=above)
+            upper = validation.number(f"upper bound of {label}", parameter.upper, above=lower)
+            value = validation.number(label, parameter.value, least=lower, most=upper)
             self.entries[name] = parameter._replace(value=value, lower=lower, upper=upper)
 
     def __repr__(self) -> str:
@@ -103,7 +103,7 @@ class Parameters:
 
     @property
     def ranges(self) -> list[tuple[str, float, float]]:
-        """Of each parameter the name and the distances to its bounds."""
+        """Name of each parameter, and its distances from the lower and from the upper bound."""
         return [(n, e.value - e.lower, e.upper - e.value) for n, e in self.entries.items()]
 
     @property
@@ -115,11 +115,11 @@ class Parameters:
     def at_bounds(self) -> dict[str, str]:
         """Which parameters stand at a bound: "lower" or "upper"."""
         share = self.shares(self.array)
-        ends = zip(self.names, share < _AT, share > 1.0 - _AT, strict=True)
+        ends = zip(self.names, share < _AT_BOUND, share > 1.0 - _AT_BOUND, strict=True)
         return {n: "lower" if low else "upper" for n, low, high in ends if low or high}
 
     def at(self, values: ArrayLike | Mapping[str, float]) -> Parameters:
-        """The same at other values: by name, those missing stay; or all, shape (size,)."""
+        """The parameters at other values: by name, or all, shape (size,); those not named stay."""
         if isinstance(values, Mapping):
             for name in values:
                 validation.choice("parameters: name", name, self.names)
@@ -132,12 +132,12 @@ class Parameters:
         return Parameters(**{n: e._replace(value=by_name[n]) for n, e in self.entries.items()})
 
     def fits(self, other: Parameters) -> bool:
-        """Whether names, bounds, units and scales are those of ``other`` ones."""
-        mine, theirs = (
+        """Whether names, bounds, units and scales equal those of ``other`` parameters."""
+        without_values, other_without_values = (
             [(n, e._replace(value=0.0)) for n, e in parameters.entries.items()]
             for parameters in (self, other)
         )
-        return mine == theirs
+        return without_values == other_without_values
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Parameters) and self.entries == other.entries
@@ -190,26 +190,26 @@ class Parameters:
                 these values; the message says them.
         """
         validation.function("parameters: what makes the mechanism", build, "the parameters")
-        names, values = _taken(build, self.names), self.values
+        names, values = _arguments(build, self.names), self.values
         try:
             result = build(**{name: values[name] for name in names})
         except (ValueError, ArithmeticError) as error:
             numbers = ", ".join(f"{name} = {values[name]:.6g}" for name in names)
             raise ValueError(f"parameters: no mechanism with {numbers}: {error}") from error
         mechanism, bodies = result if isinstance(result, tuple) else (result, {})
-        what = "parameters: what the function returns"
+        label = "parameters: what the function returns"
         needed = "a Mechanism, or a Mechanism and a mapping of VolumeIntegrals"
-        validation.instance(what, mechanism, Mechanism, needed)
-        validation.instance(what, bodies, Mapping, needed)
-        # Made without a call of the class: its parts have been validated
+        validation.instance(label, mechanism, Mechanism, needed)
+        validation.instance(label, bodies, Mapping, needed)
+        # without a call of the class, as its fields have been validated
         parametric = object.__new__(ParametricMechanism)
         entries = {entry.name: getattr(mechanism, entry.name) for entry in fields(Mechanism)}
         vars(parametric).update(entries, build=build, parameters=self, own_bodies=bodies)
         return parametric
 
 
-def _taken(build: Callable[..., Any], names: list[str]) -> list[str]:
-    """The parameters that a function takes."""
+def _arguments(build: Callable[..., Any], names: list[str]) -> list[str]:
+    """The parameters that a function takes as arguments."""
     arguments = inspect.signature(build).parameters.values()
     named = [p.name for p in arguments if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
     needed = {p.name for p in arguments if p.default is p.empty and p.name in named}
@@ -247,9 +247,9 @@ class ParametricMechanism(Mechanism):
         return self if parameters is self.parameters else self._of(parameters)
 
     def _of(self, parameters: Parameters) -> ParametricMechanism:
-        """The mechanism of other values, checked to be made of the same."""
+        """The mechanism at other values; a TopologyError if its joints, forces or bodies differ."""
         mechanism = parameters.mechanism(self.build)
-        for what, before, after in (
+        for kind, expected, returned in (
             ("joints", self.joint_names, mechanism.joint_names),
             ("forces", self.force_names, mechanism.force_names),
             ("number of point masses", len(self.point_masses), len(mechanism.point_masses)),
@@ -257,10 +257,10 @@ class ParametricMechanism(Mechanism):
             ("bodies", sorted(self.own_bodies), sorted(mechanism.own_bodies)),
             ("kind of start", type(self.start).__name__, type(mechanism.start).__name__),
         ):
-            if before != after:
+            if expected != returned:
                 numbers = ", ".join(f"{n} = {v:.6g}" for n, v in parameters.values.items())
                 raise TopologyError(
-                    f"parameters: the {what} change with them, from {before} to {after} with "
+                    f"parameters: the {kind} change with them, from {expected} to {returned} with "
                     f"{numbers}; the function must return the same for all values"
                 )
         return mechanism
@@ -268,8 +268,8 @@ class ParametricMechanism(Mechanism):
     def shifted(self, shift: Array) -> ParametricMechanism:
         """The mechanism at values that are shifted a little.
 
-        The last numbers of a ``shift`` may be left out. What is alike by chance is told from
-        the rest as at the values themselves.
+        The last numbers of a ``shift`` may be left out. The twin is that of the values themselves,
+        so that the same equalities hold by chance.
         """
         parameters = copy(self.parameters)
         parameters.entries = dict(parameters.entries)
@@ -282,9 +282,11 @@ class ParametricMechanism(Mechanism):
 
     @cached_property
     def twin(self) -> ParametricMechanism:  # type: ignore[override]
-        """The same at values close by, at which nothing is alike by chance."""
+        """The mechanism at values close by, at which no two numbers are equal by chance."""
         steps = [
-            _APART * (0.5 + 0.5 * ((k + 1) * 0.6180339887 % 1.0)) * (high if high >= low else -low)
+            _TWIN_SHIFT
+            * (0.5 + 0.5 * ((k + 1) * 0.6180339887 % 1.0))
+            * (high if high >= low else -low)
             for k, (_, low, high) in enumerate(self.parameters.ranges)
         ]
         return self.at(self.parameters.array + np.array(steps))

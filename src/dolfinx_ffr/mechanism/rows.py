@@ -123,9 +123,9 @@ class SpringRow:
     def tabulate(self, instants: Array, label: str) -> Array:
         """Value without force, shape (instants, 3), with zeros for its derivatives."""
         table = np.zeros((instants.size, 3))
-        what = f"force {label!r}: {'angle' if self.row.angular else 'length'}"
         if not is_zero(self.rest):
-            table[:, 0] = sample(self.rest, instants, what)
+            quantity = "angle" if self.row.angular else "length"
+            table[:, 0] = sample(self.rest, instants, f"force {label!r}: {quantity}")
         if self.row.kind == RowKind.DISTANCE and np.min(table[:, 0]) < 0.0:
             raise ValueError(
                 f"force {label!r}: the length must not be negative, but it is "
@@ -145,11 +145,11 @@ class Load:
 
     def tabulate(self, instants: Array, label: str) -> Array:
         """Components over time, shape (instants, 3)."""
-        what = "moment about " if self.target.kind == VectorKind.SPIN else ""
+        quantity = "moment about " if self.target.kind == VectorKind.SPIN else ""
         table = np.zeros((instants.size, 3))
         for k, signal in enumerate(self.components):
             if not is_zero(signal):
-                table[:, k] = sample(signal, instants, f"force {label!r}: {what}{'xyz'[k]}")
+                table[:, k] = sample(signal, instants, f"force {label!r}: {quantity}{'xyz'[k]}")
         return table
 
 

@@ -19,8 +19,8 @@ from ..files import text_of
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "rev": 2.0 * math.pi}
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-#: Other spellings.
-_ALIKE = {"°": "deg", "µs": "us", "μs": "us", "µm": "um", "μm": "um", "sec": "s"}
+#: Other spellings of units
+_SPELLINGS = {"°": "deg", "µs": "us", "μs": "us", "µm": "um", "μm": "um", "sec": "s"}
 #: A column: its name, and perhaps its unit in brackets.
 _TITLE = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?$")
 
@@ -33,56 +33,56 @@ def read_motion(
 ) -> tuple[Array, Array]:
     """Times [s] and values [m or rad] of a file, shape (n,) each; see `Motion.from_table`."""
     file = validation.path("table: the path", path)
-    what = f"table {str(file)!r}"
+    label = f"table {str(file)!r}"
     if unwrap is not None:
-        validation.flag(f"{what}: unwrap", unwrap)
+        validation.flag(f"{label}: unwrap", unwrap)
     text = text_of(file).splitlines()
     lines = [(k, line) for k, line in enumerate(text, 1) if line.strip() and line.strip()[0] != "#"]
     if len(lines) < 2:
-        raise ValueError(f"{what}: there is no line of numbers below one with the columns' names")
+        raise ValueError(f"{label}: there is no line of numbers below one with the columns' names")
     separator = max(",;\t", key=lines[0][1].count)
     try:
         rows = [next(csv.reader([line], delimiter=separator)) for _, line in lines]
     except csv.Error as error:
-        raise ValueError(f"{what}: it is no table of numbers: {error}") from error
+        raise ValueError(f"{label}: it is no table of numbers: {error}") from error
     numbers = [k for k, _ in lines[1:]]
     kinds: tuple[Mapping[str, float], ...] = (_TIMES, {**_ANGLES, **_LENGTHS})
     quantities = zip(("time", "value"), columns, strict=True)
-    places = [_column(what, rows[0], name, key) for key, name in quantities]
+    places = [_column(label, rows[0], name, key) for key, name in quantities]
     if places[0] == places[1]:
-        raise ValueError(f"{what}: column {columns[0]!r} cannot be both times and values")
+        raise ValueError(f"{label}: column {columns[0]!r} cannot be both times and values")
     chosen = [
-        _unit(f"{what}: column {name!r}", rows[0][place], stated_unit, known_units)
+        _unit(f"{label}: column {name!r}", rows[0][place], stated_unit, known_units)
         for name, place, stated_unit, known_units in zip(columns, places, units, kinds, strict=True)
     ]
     t, c = (
-        np.array([_entry(what, k, row, place) for k, row in zip(numbers, rows[1:], strict=True)])
+        np.array([_entry(label, k, row, place) for k, row in zip(numbers, rows[1:], strict=True)])
         for place in places
     )
-    for before, now, first, last in zip(numbers, numbers[1:], t, t[1:], strict=False):
-        if not last > first:
-            wrong = "repeats the time of" if last == first else "is earlier than"
+    for earlier_line, line, earlier, time in zip(numbers, numbers[1:], t, t[1:], strict=False):
+        if not time > earlier:
+            wrong = "repeats the time of" if time == earlier else "is earlier than"
             raise ValueError(
-                f"{what}: line {now} {wrong} line {before}, {first:.9g}; times must increase from "
-                "line to line"
+                f"{label}: line {line} {wrong} line {earlier_line}, {earlier:.9g}; times must "
+                "increase from line to line"
             )
     t, c = t * kinds[0][chosen[0]], c * kinds[1][chosen[1]]
     if chosen[1] in _ANGLES:
-        c = _unwrapped(what, c, numbers, unwrap)
+        c = _unwrapped(label, c, numbers, unwrap)
     elif unwrap:
-        raise ValueError(f"{what}: unwrap is for angles, but {columns[1]!r} is in {chosen[1]}")
+        raise ValueError(f"{label}: unwrap is for angles, but {columns[1]!r} is in {chosen[1]}")
     return t, c
 
 
 def _column(what: str, titles: Sequence[str], name: str, key: str) -> int:
-    """Place of the column of a name, which is that of an argument."""
-    wanted = validation.name(f"{what}: the name of a column", name).strip()
-    names = [_split(title)[0] for title in titles]
-    matches = [k for k, column in enumerate(names) if wanted in (column, titles[k].strip())]
+    """Place of the column of a ``name``, which the argument ``key`` gives."""
+    searched = validation.name(f"{what}: the name of a column", name).strip()
+    names = [_split(searched)[0] for wanted_name in titles]
+    matches = [k for k, column in enumerate(names) if searched in (column, titles[k].strip())]
     if len(matches) != 1:
         number = "is no column" if not matches else f"are {len(matches)} columns"
         raise ValueError(
-            f"{what}: there {number} {wanted!r}; the columns are {names}; name one by {key}="
+            f"{what}: there {number} {searched!r}; the columns are {names}; name one by {key}="
         )
     return matches[0]
 
@@ -95,9 +95,9 @@ def _split(title: str) -> tuple[str, str | None]:
 
 
 def _unit(what: str, title: str, stated_unit: str | None, known_units: Mapping[str, float]) -> str:
-    """The unit of a column, from its title or as it is given."""
+    """The unit of a column, from its title or from an argument."""
     written = _split(title)[1]
-    units = {_ALIKE.get(unit, unit) for unit in (written, stated_unit) if unit is not None}
+    units = {_SPELLINGS.get(unit, unit) for unit in (written, stated_unit) if unit is not None}
     if not units:
         raise ValueError(
             f"{what} has no unit; write it in brackets behind the name in the first line, or give "
@@ -119,17 +119,17 @@ def _entry(what: str, line: int, row: Sequence[str], place: int) -> float:
         raise ValueError(f"{what}: line {line} has {len(row)} columns only")
     text = row[place].strip()
     try:
-        found = float(text)
+        number = float(text)
     except ValueError:
-        found = math.nan
-    if not math.isfinite(found):
+        number = math.nan
+    if not math.isfinite(number):
         hint = "; numbers have a decimal point" if "," in text else ""
         raise ValueError(f"{what}: {text!r} in line {line} is no finite number{hint}")
-    return found
+    return number
 
 
 def _unwrapped(what: str, angles: Array, lines: Sequence[int], unwrap: bool | None) -> Array:
-    """Angles without jumps of full turns; a ValueError where large steps may be such or not."""
+    """Angles without jumps of full turns; a ValueError where large steps may be jumps or not."""
     if unwrap:
         return np.asarray(np.unwrap(angles))
     steps = np.abs(np.diff(angles))

@@ -23,7 +23,7 @@ from .rows import BodyVector, Row, RowKind, direction, point
 
 #: Components in which an axis of rotations is zero, by dimension.
 _NO_AXES = {2: (0, 1), 3: ()}
-#: Part of a rotation vector across an axis up to which it is one about the axis [rad].
+#: Largest part of a rotation vector across an axis for which the rotation is about the axis [rad]
 _ALONG = 1e-6
 #: Axis of all rotations in the plane.
 _UPRIGHT = (0.0, 0.0, 1.0)
@@ -49,14 +49,14 @@ class Undeformed:
     dimension: int = 2  #: 2 in the plane, 3 in space.
     #: Axes of markers in the frames of their bodies as columns, shape (3, 3), where they have any.
     marker_axes: Mapping[BodyPoint, Array] = field(default_factory=dict)
-    user: str = "joint"  #: The joint or force that asks, for messages.
+    user: str = "joint"  #: The joint or force that uses it, for messages.
     #: Cache of the poses of markers of bodies.
     poses: dict[BodyPoint, tuple[Array, Array]] = field(default_factory=dict)
     #: Cache of moving markers in the plane and their angles [rad], by id of the marker.
     angles: dict[int, tuple[Marker, float]] = field(default_factory=dict)
 
     def of(self, user: str) -> Undeformed:
-        """The same for another joint or force, which shares the caches."""
+        """The placements for another joint or force, which shares the caches."""
         return replace(self, user=user)
 
     def pose(self, marker: Marker) -> tuple[Array, Array]:
@@ -83,9 +83,9 @@ class Undeformed:
         return self.pose(marker)[1]
 
     def seen_from(self, marker: Marker, other: Marker, components: Array | Triple) -> Array:
-        """A direction given in the axes of another marker, in the axes of a marker, shape (3,)."""
+        """The components in the axes of a marker of a direction given in another's, shape (3,)."""
         angle = self._in_plane(other, marker)
-        if angle is not None:  # at a tenth of the time
+        if angle is not None:  # takes a tenth of the time of the matrices
             (x, y, z), c, s = components, math.cos(angle), math.sin(angle)
             return np.array([c * x - s * y, s * x + c * y, z])
         turned = self.axes(other) @ np.asarray(components, dtype=np.float64)
@@ -104,14 +104,14 @@ class Undeformed:
         unit_axis = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
         angle = _twist(self.axes(marker), self.axes(other), unit_axis)
         n = self.axes(other) @ unit_axis
-        (here, A), (there, B) = self._turned(marker), self._turned(other)
-        if max(np.linalg.norm(np.cross(turn, n)) for turn in (here, there)) > _ALONG:
+        (turn_a, A), (turn_b, B) = self._turned(marker), self._turned(other)
+        if max(np.linalg.norm(np.cross(turn, n)) for turn in (turn_a, turn_b)) > _ALONG:
             return angle
-        counted = _twist(A, B, unit_axis) + float((here - there) @ n)
+        counted = _twist(A, B, unit_axis) + float((turn_a - turn_b) @ n)
         return angle + 2.0 * np.pi * float(np.round((counted - angle) / (2.0 * np.pi)))
 
     def _in_plane(self, marker: Marker, other: Marker) -> float | None:
-        """Angle of a marker's axes against another's in the plane, where it is all there is."""
+        """Angle of a marker's axes against another's in the plane [rad]; None in space."""
         return self._angle(marker) - self._angle(other) if self.dimension == 2 else None
 
     def _angle(self, marker: Marker) -> float:
@@ -162,7 +162,7 @@ class Undeformed:
         return x, y, z
 
     def turning(self, components: Sequence[Any]) -> list[Any]:
-        """Of three components those about axes that there are, z alone in the plane."""
+        """The components about existing axes of rotation: all three, in the plane z alone."""
         return [x for k, x in enumerate(components) if k not in _NO_AXES[self.dimension]]
 
     def axis(self, axis: Triple) -> Triple:
@@ -176,18 +176,18 @@ class Undeformed:
 
 
 def coincidence(a: Marker, b: Marker, undeformed: Undeformed) -> list[Row]:
-    """Two markers at one point: two rows, in space three."""
+    """Rows of two markers at one point: two, in space three."""
     normals: tuple[Triple, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     ends = point(a), point(b)
     return [Row(RowKind.POINT, ends, n) for n in normals[: undeformed.dimension]]
 
 
 def parallel(a: Marker, b: Marker, axis: Triple, undeformed: Undeformed) -> list[Row]:
-    """An axis, in the axes of b, that both markers share as in the placements: two rows in space.
+    """Rows of an axis, in the axes of b, that both markers share as in the placements: two.
 
-    With e_1 x e_2 the axis, the multipliers are moments about e_1 and e_2, as the axis of the first
-    marker is kept perpendicular to -e_2 and e_1. The plane has no such rows; a ValueError refuses
-    an axis that is not perpendicular to it.
+    With e_1 x e_2 the axis, the multipliers are moments about e_1 and e_2, as the rows hold the
+    axis of the first marker perpendicular to -e_2 and e_1. In the plane there are no such rows; a
+    ValueError refuses an axis that is not perpendicular to it.
     """
     axis = undeformed.axis(axis)
     if undeformed.dimension == 2:
@@ -199,7 +199,7 @@ def parallel(a: Marker, b: Marker, axis: Triple, undeformed: Undeformed) -> list
 def aligned(
     a: Marker, b: Marker, axis: Triple, undeformed: Undeformed, angle: float | None = None
 ) -> list[Row]:
-    """Markers that keep their relative rotation in the placements: one row, in space three.
+    """Rows of markers whose relative rotation is that of the placements: one, in space three.
 
     The multipliers are moments about e_1, e_2 and the axis (in the axes of b), in the plane about
     z. An angle, in the plane alone, takes the place of the angle in the placements [rad].
@@ -218,12 +218,12 @@ def aligned(
 
 
 def on_plane(a: Marker, b: Marker, normal: ArrayLike) -> Row:
-    """Marker a on a plane through b, in the plane on a line, with a normal in the axes of b."""
+    """Row of marker a on a plane through b, in the plane a line, with a normal in b's axes."""
     return Row(RowKind.PLANE, (point(a), point(b), direction(b, normal)))
 
 
 def on_line(a: Marker, b: Marker, line: Pair | Triple, undeformed: Undeformed) -> list[Row]:
-    """Marker a on a line through b, its direction in the axes of b: one row, in space two."""
+    """Rows of marker a on a line through b, with a direction in b's axes: one, in space two."""
     along = undeformed.line(line)
     if undeformed.dimension == 2:
         return [on_plane(a, b, (-along[1], along[0], 0.0))]
@@ -233,7 +233,7 @@ def on_line(a: Marker, b: Marker, line: Pair | Triple, undeformed: Undeformed) -
 def turning(
     a: Marker, b: Marker, axis: Triple, undeformed: Undeformed, angle: float = 0.0
 ) -> tuple[BodyVector, BodyVector, BodyVector]:
-    """Directions of an ANGLE row: marker a about an axis of b, at an angle in the placements [rad].
+    """Directions of an ANGLE row of marker a about an axis of b, at an angle in the placements.
 
     In the plane a ValueError refuses an axis that is not perpendicular to it.
     """

@@ -99,8 +99,8 @@ class Response(Shown):
             integrals.
         stresses: Stress of the bodies that have a mesh, by name.
         point_masses: Point masses of the mechanism, which the bodies are without; None if unknown.
-        known: What objectives keep of their values for their derivatives, under keys of their own;
-            nothing at first, also of a copy with other parts.
+        cache: Intermediate values that objectives store for their derivatives, under keys of their
+            own; empty at first, also in a copy with other fields.
     """
 
     simulated: Trajectory | None
@@ -108,7 +108,7 @@ class Response(Shown):
     densities: Mapping[str, DensityField] = field(default_factory=dict)
     stresses: Mapping[str, StressField] = field(default_factory=dict)
     point_masses: Sequence[PointMass] | None = None
-    known: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
+    cache: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def trajectory(self) -> Trajectory:

@@ -172,7 +172,7 @@ class PeakStress(Objective):
 
     def derivatives(self, response: Response) -> Derivatives:
         mean = self._mean(response)
-        points = response.known[self._key][1] or self._points(response)
+        points = response.cache[self._key][1] or self._points(response)
         field, x = response.stresses[self.body], response.densities[self.body].values
         modes_bar, z_bar = points.stresses.slopes(mean, self.power)
         modes_bar *= self.scale
@@ -221,14 +221,14 @@ class PeakStress(Objective):
 
     def _mean(self, response: Response) -> Mean:
         """The mean over all points and instants, the same on every rank; once for a response."""
-        if self._key not in response.known:
+        if self._key not in response.cache:
             points = self._points(response)
             points_mean = points.stresses.mean(self.power, response.stresses[self.body].gathered)
             mean = replace(points_mean, highest=points.scattered(points_mean.highest))
             # what is counted stays, so that nothing else takes its place
             cached_points = points if points.stresses.modes.size <= _KEPT else None
-            response.known[self._key] = mean, cached_points, self.counted
-        cached: Mean = response.known[self._key][0]
+            response.cache[self._key] = mean, cached_points, self.counted
+        cached: Mean = response.cache[self._key][0]
         return cached
 
     @property

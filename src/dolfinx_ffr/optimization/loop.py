@@ -489,7 +489,7 @@ class DesignLoop:
             *(f"{key} of {name}" for name in several for key in ("volume", "frequency", "gray")),
             *(f"psi of {name}" for name in cases),
             *(f"constraint {label}" for label in evaluation.constraints),
-            *evaluation.told,
+            *evaluation.labelled_values,
         ]
 
     def _row(self, x: Mapping[str, Array], evaluation: Evaluation) -> Row:
@@ -529,7 +529,7 @@ class DesignLoop:
             row |= {f"{key} of {name}": values[name] for name in area}
         row |= {f"psi of {name}": case.psi for name, case in evaluation.load_cases.items()}
         row |= {f"constraint {label}": c.violation for label, c in evaluation.constraints.items()}
-        return row | evaluation.told
+        return row | evaluation.labelled_values
 
     def result(
         self,

@@ -242,14 +242,16 @@ class Result(Shown):
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the mechanism's parameters by name, where they were designed."""
-        at = self.evaluation.at
+        at = self.evaluation.mechanism_parameters
         return at.values if at is not None and self.evaluation.label else {}
 
     def _told_parameters(self) -> dict[str, dict[str, Any]]:
         """The parameters with their starts, bounds and units."""
-        at, history, found = self.evaluation.at, self.history, {}
+        at, history, found = self.evaluation.mechanism_parameters, self.history, {}
         assert at is not None
-        for (name, entry), key in zip(at.entries.items(), self.evaluation.told, strict=True):
+        for (name, entry), key in zip(
+            at.entries.items(), self.evaluation.labelled_values, strict=True
+        ):
             found[name] = {"start": float(history[key][0]), **entry._asdict()}
         return found
 
@@ -257,8 +259,8 @@ class Result(Shown):
     def at_bounds(self) -> dict[str, dict[str, str]]:
         """Dimensions by body, and parameters, that stand at a bound: "lower" or "upper"."""
         found = {n: d.at_bounds(self.variables[n]) for n, d in self._sized.items()}
-        if self.parameters and self.evaluation.at is not None:
-            found[self.evaluation.label] = self.evaluation.at.at_bounds
+        if self.parameters and self.evaluation.mechanism_parameters is not None:
+            found[self.evaluation.label] = self.evaluation.mechanism_parameters.at_bounds
         return found
 
     @property

@@ -33,8 +33,8 @@ class SizedEvaluation(Evaluation):
     dimensions: dict[str, float] = field(default_factory=dict)  #: By "body: name"
 
     @property
-    def told(self) -> dict[str, float]:
-        return self.dimensions | super().told
+    def labelled_values(self) -> dict[str, float]:
+        return self.dimensions | super().labelled_values
 
 
 class Sizing:
@@ -134,8 +134,8 @@ class Sizing:
         assert isinstance(evaluation, SizedEvaluation) and evaluation.problem is not None
         problem, final = evaluation.problem, Evaluation(**_parts(evaluation))
         x = {**result.variables, **result.densities, **self.full(problem)}
-        if final.at is not None and final.label:
-            x[final.label] = final.at.array
+        if final.mechanism_parameters is not None and final.label:
+            x[final.label] = final.mechanism_parameters.array
         errors: dict[str, float] = {}
         if tolerance is not None:
             first = {name: body.modes for name, body in problem.flexible.items()}

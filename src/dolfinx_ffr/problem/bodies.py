@@ -25,13 +25,13 @@ Reduced = Mapping[str, ReducedBody]
 
 
 class Pulled(NamedTuple):
-    """Derivatives that were carried back to the densities, and what that took."""
+    """Derivatives that were carried back to the densities, with iterations and time."""
 
     gradient: dict[str, Array]  #: By body, for each cell of this rank, shape (cells,)
-    nodes: dict[str, Array] | None  #: By body, for each node of this rank, where it was asked for
-    centers: dict[str, Array] | None  #: By body, for the center of each interface, likewise
+    nodes: dict[str, Array] | None  #: By body, for each node of this rank; None if not asked for
+    centers: dict[str, Array] | None  #: By body, for each interface's center, or None likewise
     iterations: dict[str, int]  #: Conjugate gradient iterations, by body
-    seconds: dict[str, float]  #: By name of the part [s]
+    seconds: dict[str, float]  #: Time by name of the step [s]
 
 
 def lengths_of_placements(mechanisms: Iterable[Mechanism]) -> Iterator[tuple[str, str, str]]:
@@ -53,7 +53,9 @@ class DesignedBodies:
         )
         self.every = dict(bodies)
         #: The bodies with a density
-        self.flexible = {k: b for k, b in bodies.items() if isinstance(b, FlexibleBody)}
+        self.flexible = {
+            name: body for name, body in bodies.items() if isinstance(body, FlexibleBody)
+        }
 
     @property
     def comm(self) -> MPI.Comm:
@@ -91,7 +93,7 @@ class DesignedBodies:
         return Inventory(markers, self.modes, (), full)
 
     def refuse_lengths_of_placements(self, mechanisms: Iterable[Mechanism]) -> None:
-        """Refuse lengths between markers that move with the nodes, as these are left out."""
+        """Refuse lengths between markers that move with the nodes: their derivative is missing."""
         for label, body, point in lengths_of_placements(mechanisms):
             if body in self.flexible and point in self.flexible[body].markers:
                 raise ValueError(
@@ -109,7 +111,7 @@ class DesignedBodies:
         }
 
     def checked(self, x: Densities) -> dict[str, Array]:
-        """Densities by body, shape (cells,); one array may be given for the only body."""
+        """Densities by body, shape (cells,), from a mapping or, for the only body, an array."""
         if isinstance(x, Mapping):
             if set(x) != set(self.flexible):
                 raise ValueError(
@@ -142,7 +144,7 @@ class DesignedBodies:
         }
 
     def refuse_foreign(self, reduced: Reduced) -> None:
-        """Refuse, by a ValueError, bodies that are not those that were ``reduced``."""
+        """Raise a ValueError unless these bodies are the ones that were ``reduced``."""
         if set(reduced) != set(self.flexible):
             raise ValueError(
                 f"problem: the evaluation is of another problem: its flexible bodies are "
@@ -160,29 +162,29 @@ class DesignedBodies:
                 name: body if isinstance(body, VolumeIntegrals) else reduced[name].integrals
                 for name, body in self.every.items()
             },
-            {name: _field(self.flexible[name], body_.density) for name, body_ in reduced.items()},
-            {name: BodyStress(self.flexible[name], body_) for name, body_ in reduced.items()},
+            {name: _field(self.flexible[name], body.density) for name, body in reduced.items()},
+            {name: BodyStress(self.flexible[name], body) for name, body in reduced.items()},
         )
 
     def pullback(
         self, reduced: Reduced, bars: Derivatives, *, nodes: bool = False, cells: bool = True
     ) -> Pulled:
-        """Derivatives with respect to the densities of ``cells`` and to ``nodes``, if wanted.
+        """Carry derivatives ``bars`` back to the densities of ``cells`` and to ``nodes``.
 
-        Part of them goes through the reduction.
+        Derivatives by integrals and stress go back through the reduction.
         """
         pulled = Pulled({}, {} if nodes else None, {} if nodes else None, {}, {})
         for name, body in self.flexible.items():
             gradient, pulled.iterations[name] = np.zeros(body.domain.n_cells), 0
-            moved: Array | None = None
-            centers: Array | None = None
+            by_nodes: Array | None = None
+            by_centers: Array | None = None
             integrals = bars.integrals[name]
             # the same on every rank, so all skip a body that does not matter, or none
             if name in bars.stresses or integrals.dot(integrals) != 0.0:
                 shapes = None
                 if name in bars.stresses:
                     shapes = body.stress_pullback(reduced[name], bars.stresses[name])
-                gradient, moved, centers, statistics = body.pullback(
+                gradient, by_nodes, by_centers, statistics = body.pullback(
                     reduced[name], integrals, shapes, nodes=nodes, cells=cells
                 )
                 pulled.iterations[name] = int(statistics.pop("iterations"))
@@ -191,25 +193,26 @@ class DesignedBodies:
                 gradient = gradient + bars.densities[name]
             pulled.gradient[name] = gradient
             if pulled.nodes is not None and pulled.centers is not None:
-                count = len(body.domain.interfaces), body.domain.dimension
-                pulled.centers[name] = np.zeros(count) if centers is None else centers
-                shape = len(body.domain.mesh.geometry.x), body.domain.dimension
-                moved = np.zeros(shape) if moved is None else moved
-                measures = bars.areas.get(name), bars.weights.get(name)
-                if any(bar is not None for bar in measures):
-                    moved = moved + body.measures_pullback(*measures)
-                pulled.nodes[name] = moved
+                dimension = body.domain.dimension
+                if by_centers is None:
+                    by_centers = np.zeros((len(body.domain.interfaces), dimension))
+                if by_nodes is None:
+                    by_nodes = np.zeros((len(body.domain.mesh.geometry.x), dimension))
+                areas, weights = bars.areas.get(name), bars.weights.get(name)
+                if areas is not None or weights is not None:
+                    by_nodes = by_nodes + body.measures_pullback(areas, weights)
+                pulled.centers[name], pulled.nodes[name] = by_centers, by_nodes
         return pulled
 
 
 def _field(body: FlexibleBody, density: Array) -> DensityField:
-    """A density as objectives see it."""
+    """A density as objectives see it, with the full body as it was designed, if there is one."""
+    designed = body.domain.whole
+    full = None if designed is None else _field_on(designed, np.ones(designed.n_cells))
+    return _field_on(body.domain, density, full)
 
-    def on(domain: Domain, values: Array, whole: DensityField | None) -> DensityField:
-        areas, gathered = domain.cell_volumes, domain.comm.allgather
-        return DensityField(values, areas, domain.centroids, domain.sum, gathered, whole)
 
-    whole = body.domain.whole
-    return on(
-        body.domain, density, None if whole is None else on(whole, np.ones(whole.n_cells), None)
-    )
+def _field_on(domain: Domain, values: Array, whole: DensityField | None = None) -> DensityField:
+    """The density field of ``values``, shape (cells,), on a domain."""
+    areas, gathered = domain.cell_volumes, domain.comm.allgather
+    return DensityField(values, areas, domain.centroids, domain.sum, gathered, whole)

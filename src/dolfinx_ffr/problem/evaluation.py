@@ -23,8 +23,8 @@ T = TypeVar("T")
 class LoadCaseEvaluation(Gradients):
     """The evaluation of one load case of a problem.
 
-    Its gradients are given where they were asked for, and else where the gradient of all load
-    cases together does not suffice.
+    It has gradients of its own where they were asked for, or where the gradient of all load cases
+    together does not suffice.
 
     Attributes:
         psi: Value of its objective, the same on every rank.
@@ -34,19 +34,19 @@ class LoadCaseEvaluation(Gradients):
         integrals_gradient: Derivative of psi with respect to the integrals of every body, the same
             on every rank; None where only the value was asked for, or where the load case has no
             weight.
-        known: Values that its objectives store for their derivatives, see `Response.known`.
+        cache: Values that its objectives store for their derivatives, see `Response.cache`.
     """
 
     psi: float
     trajectory: Trajectory | None = field(default=None, repr=False)
     constraints: dict[str, ConstraintValue] = field(default_factory=dict)
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
-    known: dict[Any, Any] = field(default_factory=dict, repr=False)
+    cache: dict[Any, Any] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True, repr=False)
 class Evaluation(Shown, Gradients):
-    """A value of the objective, its gradient, and what else was computed at one design.
+    """The objective, its gradient, and all other results at one design.
 
     Attributes:
         psi: Value of the objective (integral compliance: [J s]), of several load cases the one
@@ -58,7 +58,7 @@ class Evaluation(Shown, Gradients):
         fixed_interface_frequencies: Natural frequencies of each body's normal modes, with all
             interfaces fixed [Hz]; the objective `Frequency` is another one, of the body on its
             supports or free.
-        outer_gap: Relative gap between the last mode kept and the next one.
+        outer_gap: Relative gap between the eigenvalues of the last retained mode and the next one.
         solver_iterations: Conjugate gradient iterations of all pullbacks.
         seconds: Time spent by name of the part, on this rank [s].
         constraints: Constraints by name, with their gradients where the gradient was asked for; of
@@ -68,11 +68,12 @@ class Evaluation(Shown, Gradients):
         nodes: dpsi/dX by body, for each node of the mesh on this rank in the order of
             ``mesh.geometry.x``, ghosts included, shape (nodes, dimension); None where it was not
             asked for.
-        centers: Likewise by body for the center of each interface, at fixed nodes, in the order of
-            ``domain.interfaces``, shape (interfaces, dimension), the same on every rank.
+        centers: dpsi by the center of each interface, by body, at fixed nodes, in the order of
+            ``domain.interfaces``, shape (interfaces, dimension), the same on every rank; None where
+            it was not asked for.
         parameters: Derivative of psi with respect to each parameter of the mechanism, by name, the
             same on every rank; empty where there are none, or only the value was asked for.
-        at: The parameters of the mechanism, with their values.
+        mechanism_parameters: The parameters of the mechanism, with their values.
         label: Name under which their values were given beside densities; the gradient has it, too.
         load_cases: By name of the load case.
     """
@@ -86,7 +87,7 @@ class Evaluation(Shown, Gradients):
     seconds: dict[str, float]
     constraints: dict[str, ConstraintValue] = field(default_factory=dict)
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
-    at: Parameters | None = None
+    mechanism_parameters: Parameters | None = None
     label: str = ""
     load_cases: dict[str, LoadCaseEvaluation] = field(default_factory=dict, repr=False)
 
@@ -100,20 +101,23 @@ class Evaluation(Shown, Gradients):
         for name, modes in self.fixed_interface_frequencies.items():
             range_ = f", {modes[0]:.5g} to {modes[-1]:.5g} Hz" if len(modes) else ""
             rows.append((f"modes of {name}", f"{len(modes)}{range_}", ""))
-        values = self.at.values if self.at else {}
+        values = self.mechanism_parameters.values if self.mechanism_parameters else {}
         rows += [(f"parameter {name}", f"{value:.6g}", "") for name, value in values.items()]
         rows.append(("gradient", ", ".join(self.gradient or {}) or "not asked for", ""))
         return rows
 
     @property
-    def told(self) -> dict[str, float]:
-        """Values of parameters that are designed by names with units, for histories."""
-        if self.at is None or not self.label:
+    def labelled_values(self) -> dict[str, float]:
+        """Values of the designed parameters, by their names with units, for histories."""
+        if self.mechanism_parameters is None or not self.label:
             return {}
-        return {f"parameter {self.at.labels[n]}": value for n, value in self.at.values.items()}
+        return {
+            f"parameter {self.mechanism_parameters.labels[n]}": value
+            for n, value in self.mechanism_parameters.values.items()
+        }
 
     @property
-    def moves(self) -> bool:
+    def simulated(self) -> bool:
         """Whether anything was simulated."""
         return any(case.trajectory is not None for case in self.load_cases.values())
 
@@ -131,7 +135,7 @@ class Evaluation(Shown, Gradients):
 
     def check_simulated(self) -> None:
         """Refuse an evaluation for which nothing was simulated."""
-        if not self.moves:
+        if not self.simulated:
             raise ValueError(
                 "there is no trajectory: nothing was simulated, because neither the objective nor "
                 "the constraints of this problem depend on it"

@@ -20,22 +20,25 @@ from .evaluation import Evaluation, LoadCaseEvaluation, only_case
 
 Cases = Mapping[str, MechanicalProblem]
 
-#: Instants at which it is looked whether anything depends on a parameter
+#: Number of instants at which prescribed motions are compared to see which parameters matter
 INSTANTS = 1001
 
 
 class LoadCases:
-    """Load cases by name, and how their objectives become one number."""
+    """Load cases by name, and how their objectives become one number.
+
+    It is the part of a `Problem` that knows nothing of densities.
+    """
 
     load_cases: dict[str, MechanicalProblem]  #: By name
     combine: Combination  #: How the objectives of the load cases become one number
 
     def _prepare(self) -> None:
-        """Make ready for load cases that have changed."""
+        """Compile what the load cases take, and choose the steps that they leave open."""
         raise NotImplementedError
 
     def refuse_foreign_load_cases(self, evaluation: Evaluation) -> None:
-        """Refuse, by a ValueError, an ``evaluation`` of other load cases."""
+        """Raise a ValueError if an ``evaluation`` is of other load cases."""
         evaluated = {name: list(case.constraints) for name, case in evaluation.load_cases.items()}
         labels = {n: [c.label for c in case.constraints] for n, case in self.load_cases.items()}
         if evaluated != labels:
@@ -47,14 +50,14 @@ class LoadCases:
             trajectory = evaluation.load_cases[name].trajectory
             if trajectory is None:
                 continue
-            for what, found, expected in (
+            for quantity, evaluated_with, expected in (
                 ("mechanism", trajectory.model.mechanism, case.mechanism),
                 ("end time", trajectory.integrator.end_time, case.integrator.end_time),
             ):
-                if not alike(found, expected):
+                if not alike(evaluated_with, expected):
                     raise ValueError(
                         f"problem: the evaluation is of another problem: "
-                        f"{self._of(f'its {what}', name)} is not that of this problem"
+                        f"{self._of(f'its {quantity}', name)} is not that of this problem"
                     )
 
     @property
@@ -84,15 +87,15 @@ class LoadCases:
     def objective(self, objective: Objective) -> None:
         self._change(objective=objective)
 
-    def _change(self, **parts: Any) -> None:
-        """Change parts of the only load case."""
+    def _change(self, **fields: Any) -> None:
+        """Replace fields of the only load case."""
         only_case(self.load_cases, "Problem.of_load_cases")
-        self.load_cases = {name: replace(case, **parts) for name, case in self.load_cases.items()}
+        self.load_cases = {name: replace(case, **fields) for name, case in self.load_cases.items()}
         self._prepare()
 
     @property
     def constraints(self) -> list[Constraint]:
-        """The constraints of all load cases; of several "load case: name" is the name."""
+        """The constraints of all load cases; with several cases named "load case: name"."""
         return [
             constraint
             if len(self.load_cases) == 1
@@ -105,9 +108,9 @@ class LoadCases:
         """The name of a load case's constraint among all constraints."""
         return label if len(self.load_cases) == 1 else f"{case}: {label}"
 
-    def _of(self, what: str, case: str) -> str:
-        """The name of a part of a load case in messages."""
-        return what if len(self.load_cases) == 1 else f"{what} of load case {case!r}"
+    def _of(self, name: str, case: str) -> str:
+        """The name of a field of a load case in messages, with the case if there are several."""
+        return name if len(self.load_cases) == 1 else f"{name} of load case {case!r}"
 
     def _labelled(self, cases: Mapping[str, LoadCaseEvaluation]) -> dict[str, ConstraintValue]:
         """The constraints of all load cases by their labels."""
@@ -143,34 +146,46 @@ def parametric(cases: Cases) -> dict[str, ParametricMechanism]:
 def shared(cases: Cases) -> Parameters | None:
     """The parameters that all load cases share, or a ValueError if they have different ones."""
     by_case = {name: mechanism.parameters for name, mechanism in parametric(cases).items()}
-    first = next(iter(by_case), "")
+    if not by_case:
+        return None
+    reference_case, reference = next(iter(by_case.items()))
     for name, parameters in by_case.items():
-        if parameters != by_case[first]:
+        if parameters != reference:
             raise ValueError(
-                f"problem: the load cases {first!r} and {name!r} have different parameters, "
-                f"{by_case[first]} and {parameters}; make all mechanisms by the same ffr.Parameters"
+                f"problem: the load cases {reference_case!r} and {name!r} have different "
+                f"parameters, {reference} and {parameters}; make all mechanisms by the same "
+                "ffr.Parameters"
             )
-    return by_case.get(first)
+    return reference
 
 
-def apart(
+def split_parameters(
     x: ArrayLike | Mapping[str, ArrayLike], bodies: Collection[str], parameters: Parameters | None
 ) -> tuple[str, ArrayLike | None, ArrayLike | Mapping[str, ArrayLike]]:
-    """The name and the values of parameters among densities, and the rest; "" without any."""
+    """Split ``x`` into the label and the values of parameters, and the densities of ``bodies``.
+
+    Without values of parameters the label is "" and the values are None.
+    """
     if parameters is None:
         return "", None, x
     if not isinstance(x, Mapping):
         return ("", None, x) if bodies else ("parameters", x, {})
-    names = [name for name in x if name not in bodies]
-    if len(names) != 1:
+    labels = [name for name in x if name not in bodies]
+    if len(labels) != 1:
         return "", None, x
-    return names[0], x[names[0]], {name: part for name, part in x.items() if name in bodies}
+    densities = {name: density for name, density in x.items() if name in bodies}
+    return labels[0], x[labels[0]], densities
 
 
-def check_influence(cases: Cases, given: Response) -> None:
-    """Refuse parameters on which nothing depends, and functions that make other topologies."""
+def check_influence(cases: Cases, reduced: Response) -> None:
+    """Refuse parameters on which nothing depends, and functions that make other topologies.
+
+    Args:
+        cases: Load cases by name.
+        reduced: The bodies of the problem, without a trajectory.
+    """
     mechanisms = parametric(cases)
-    idle: set[str] = set()
+    without_influence: set[str] = set()
     for name, mechanism in mechanisms.items():
         for bound in mechanism.parameters.bounds:
             try:
@@ -181,12 +196,13 @@ def check_influence(cases: Cases, given: Response) -> None:
                 continue
         case, end = cases[name], cases[name].integrator.end_time
         times = np.linspace(0.0, end, INSTANTS)
-        model = assemble_model(mechanism, case.response(given).bodies, times, checked=True)
-        own = set(influence(model))
-        idle = own if name == next(iter(mechanisms)) else idle & own
-    if idle:
-        said = ", ".join(map(repr, sorted(idle)))
+        model = assemble_model(mechanism, case.response(reduced).bodies, times, checked=True)
+        in_this_case = set(influence(model))
+        is_first = name == next(iter(mechanisms))
+        without_influence = in_this_case if is_first else without_influence & in_this_case
+    if without_influence:
+        names = ", ".join(map(repr, sorted(without_influence)))
         raise ValueError(
-            f"parameters: nothing depends on {said}: take them out, or use them in the function "
+            f"parameters: nothing depends on {names}: take them out, or use them in the function "
             "that makes the mechanism"
         )

@@ -16,30 +16,30 @@ from ..dynamics import assemble_model
 from ..objective import Derivatives, Objective, Response, Sum, derivatives_of, value_of
 from ..reduction import FlexibleBody
 
-#: Relative change of the integrals by which a value is differenced
+#: Relative change of the integrals for a central difference: its error is about 1e-10 of the slope
 STEP = 1e-5
-#: Difference of a derivative and a difference, relative to them, that is no error of the difference
+#: Relative deviation of a derivative from the central difference that is an error of the user's
 WRONG = 1e-3
-#: Share of a value by which round-off in it may change the difference
+#: Part of a value that its round-off, divided by the step, may add to the difference
 ROUND_OFF = 1e-7
-#: Objectives whose derivatives have been found right, so that each is asked once
+#: Objectives whose derivatives are right, so that each is checked once
 _CHECKED: WeakSet[Objective] = WeakSet()
 
 
 def check_integrals(
     objective: Objective, response: Response, bodies: Mapping[str, FlexibleBody]
 ) -> None:
-    """Refuse, by a ValueError, own objectives that lack derivatives by the integrals.
+    """Raise a ValueError for an objective of a user that lacks derivatives by the integrals.
 
-    At a fixed trajectory they depend on shape functions at markers inside of a body, for instance,
-    which change with its density. Each body is changed at random once, and what the value changes
-    by is compared with what the derivatives say. Markers at interfaces stay as they are: nothing
-    that is designed by its density moves them in the body.
+    At a fixed trajectory it may depend on shape functions at markers inside of a body, for
+    instance, which change with its density. Each body is changed once, and the central difference
+    of the value is compared with the derivatives. Markers at interfaces stay: no design by density
+    moves them in the body.
 
     Args:
-        objective: An objective or a sum; terms that are this package's are not asked.
+        objective: An objective or a sum; terms from this package are not checked.
         response: Where it is differentiated.
-        bodies: Those with a density, by name.
+        bodies: The bodies with a density, by name.
     """
     for term in _terms(objective):
         if _is_ours(term) or term in _CHECKED:
@@ -52,18 +52,18 @@ def check_integrals(
 
 
 def replicated(derivatives: Derivatives, response: Response) -> dict[str, Array]:
-    """Parts of derivatives that are the same on every rank, by their names in messages."""
-    parts: dict[str, Array] = {}
+    """Arrays of derivatives that are the same on every rank, by their names in messages."""
+    arrays: dict[str, Array] = {}
     if derivatives.trajectory is not None:
-        arrays = vars(derivatives.trajectory).items()
-        parts = {f"by {name} of the trajectory": array for name, array in arrays}
+        by_name = vars(derivatives.trajectory).items()
+        arrays = {f"by {name} of the trajectory": array for name, array in by_name}
     for name, bar in derivatives.integrals.items():
-        parts[f"by the integrals of {name!r}"] = _in_one_unit(bar, response.bodies[name])
-    return parts
+        arrays[f"by the integrals of {name!r}"] = _in_one_unit(bar, response.bodies[name])
+    return arrays
 
 
 def _in_one_unit(bar: VolumeIntegrals, body: VolumeIntegrals) -> Array:
-    """Derivatives by the integrals of a body, times the sizes of these, shape (entries,)."""
+    """Derivatives by the integrals of a body times their largest entries, shape (entries,)."""
     pairs = [(np.array(bar.mass), np.array(body.mass))]
     pairs += [(getattr(bar, key), getattr(body, key)) for key in _arrays(body)]
     for marker, point in body.markers.items():
@@ -114,29 +114,34 @@ def _check_body(
     psi = value_of(objective, response)
     change = (value(STEP) - value(-STEP)) / (2.0 * STEP)
     bar = stated.integrals.get(name)
-    said = 0.0 if bar is None else bar.dot(direction)
-    if abs(change - said) > WRONG * max(abs(change), abs(said)) + ROUND_OFF * abs(psi):
+    slope = 0.0 if bar is None else bar.dot(direction)
+    if abs(change - slope) > WRONG * max(abs(change), abs(slope)) + ROUND_OFF * abs(psi):
         raise ValueError(
             f"the derivatives of {type(objective).__name__} by the integrals of {name!r} do not "
             f"fit its value: at a fixed trajectory a change of the body changes it by "
-            f"{change:.4g}, and they say {said:.4g}. A marker inside of a body has shape functions "
-            "that depend on the density: objective.marker_derivatives(response, body, marker, "
-            "position=...) has this part, too; for others fill in "
+            f"{change:.4g}, and they say {slope:.4g}. A marker inside of a body has shape "
+            "functions that depend on the density: objective.marker_derivatives(response, body, "
+            "marker, position=...) has these derivatives, too; for others fill in "
             "response.bodies[name].zeros_like()"
         )
 
 
 def _direction(body: VolumeIntegrals, inside: Collection[str]) -> VolumeIntegrals:
-    """A change of a body, with a share of its own for each array, also of markers ``inside``."""
-    shares = iter([0.7, -0.4, 0.9, 0.5, -0.8, 0.6])
-    changed = body.scaled(next(shares))
-    scaled = {key: next(shares) * getattr(body, key) for key in _arrays(body)}
+    """A change of a body: each array times a factor of its own, so that no two can cancel.
+
+    The shape functions of markers ``inside`` of the body change, too, those at interfaces do not.
+    """
+    factors = iter([0.7, -0.4, 0.9, 0.5, -0.8, 0.6])
+    changed = body.scaled(next(factors))
+    arrays = {key: next(factors) * getattr(body, key) for key in _arrays(body)}
     markers = {}
     for marker, point in body.markers.items():
-        still = point.scaled(0.0)
+        change = point.scaled(0.0)
         if marker in inside:
-            still = replace(still, displacement=0.8 * point.displacement, rotation=-point.rotation)
+            change = replace(
+                change, displacement=0.8 * point.displacement, rotation=-point.rotation
+            )
         if point.stiffening is not None:
-            still = replace(still, stiffening=-0.6 * point.stiffening)
-        markers[marker] = still
-    return replace(changed, **scaled, markers=markers)
+            change = replace(change, stiffening=-0.6 * point.stiffening)
+        markers[marker] = change
+    return replace(changed, **arrays, markers=markers)

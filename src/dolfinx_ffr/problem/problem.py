@@ -4,8 +4,8 @@
     density -> shape functions -> volume integrals -> trajectory -> psi
        x_bar <-   Phi_bar      <-   arrays_bar     <- discrete adjoint <-
 
-The gradient is that of the number that was computed, mesh and time steps included: each map hands
-on the transpose of its derivative. Its cost does not depend on the number of densities.
+The gradient belongs to the computed number, mesh and time steps included: each map applies the
+transpose of its derivative. Its cost does not depend on the number of densities.
 """
 
 from __future__ import annotations
@@ -48,16 +48,24 @@ from ..objective import (
 from ..parallel import agreed_memory, alike, check_alike, on_every_rank
 from .bodies import Body, Densities, DesignedBodies, Pulled
 from .evaluation import Evaluation, LoadCaseEvaluation, only_case
-from .load_cases import LoadCases, apart, check_influence, parametric, shared, weighted
+from .load_cases import LoadCases, check_influence, parametric, shared, split_parameters, weighted
 from .own_objectives import check_integrals, replicated
-from .spread import WORK, Job, adjoints, checked_memory, chosen_again, chosen_before, trajectories
+from .spread import (
+    WORK,
+    Job,
+    adjoints,
+    checked_memory,
+    trajectories,
+    with_better_steps,
+    with_first_steps,
+)
 
 #: From a load case and its response to another load case
 Change = Callable[[MechanicalProblem, Response], MechanicalProblem]
 #: Name of a load case that is the only one
 LOAD_CASE = "load case"
-#: Relative difference from which on two ranks have not computed the same number: a simulation
-#: magnifies round-off, and stays far below
+#: Relative difference above which two ranks have computed different numbers: round-off, magnified
+#: by a simulation, stays far below
 DIFFERS = 1e-6
 #: Remedy for evaluations of other problems
 GIVE_BOTH = "give a problem with its own evaluation, as result.problem and result.evaluation"
@@ -136,7 +144,7 @@ class Problem(LoadCases):
         cases: Callable[[], Mapping[str, MechanicalProblem]],
         combine: Combination,
     ) -> None:
-        """Check and set the parts; the load cases are made where errors reach all ranks."""
+        """Check and set bodies and load cases; `cases` is called where errors reach all ranks."""
         self._designed = DesignedBodies(bodies)
         with on_every_rank(self.comm, WORK):
             self.load_cases = validation.instances_by_name(
@@ -147,7 +155,7 @@ class Problem(LoadCases):
             needed = "WeightedSum(...), PowerMean(...) or WorstCase(...)"
             self.combine = validation.instance("problem: combine", combine, Combination, needed)
             combine.check(self.load_cases)
-            #: Those of the mechanisms, with their values, or None
+            #: The parameters of the mechanisms, with their values, or None
             self.parameters = shared(self.load_cases)
             stated = [mechanism.own_bodies for mechanism in parametric(self.load_cases).values()]
             self._designed = DesignedBodies({k: b for m in (bodies, *stated) for k, b in m.items()})
@@ -169,9 +177,16 @@ class Problem(LoadCases):
                     if len(self.load_cases) == 1:
                         raise
                     raise ValueError(f"load case {name!r}: {error}") from error
-        given = {"bodies": list(bodies), "load_cases": list(self.load_cases), "combine": combine}
-        steps = {self._of("the integrator", n): m.integrator for n, m in self.load_cases.items()}
-        check_alike(self.comm, "problem", given | steps)
+        arguments = {
+            "bodies": list(bodies),
+            "load_cases": list(self.load_cases),
+            "combine": combine,
+        }
+        integrators = {
+            self._of("the integrator", name): case.integrator
+            for name, case in self.load_cases.items()
+        }
+        check_alike(self.comm, "problem", arguments | integrators)
         self._memory = agreed_memory(self.comm)
         self._prepare()
 
@@ -181,13 +196,13 @@ class Problem(LoadCases):
         cases = self.load_cases.values()
         left_open = any(isinstance(case.integrator, TimeInterval) for case in cases)
         integrators = INTEGRATORS if left_open else tuple({type(case.method) for case in cases})
-        if self.comm.rank == 0:  # the others find it in the cache
+        if self.comm.rank == 0:  # the others load it from the cache
             compile_kernels(integrators=integrators)
         self.comm.Barrier()
         compile_kernels(lambda line: None, integrators=integrators)
-        chosen = chosen_before(self._designed, self.load_cases)
-        if any(chosen[name] is not case for name, case in self.load_cases.items()):
-            self.load_cases = chosen
+        with_steps = with_first_steps(self._designed, self.load_cases)
+        if any(with_steps[name] is not case for name, case in self.load_cases.items()):
+            self.load_cases = with_steps
             checked_memory(self._designed, self.load_cases, self._memory, adjoint=False)
 
     def alone(self, load_case: str) -> Self:
@@ -207,9 +222,9 @@ class Problem(LoadCases):
         return self.of_load_cases(self.bodies, cases, self.combine)
 
     def at(self, values: ArrayLike | Mapping[str, float]) -> Self:
-        """The same problem at other values of its parameters: by name, or all, shape (size,).
+        """The same problem at other values of its parameters, by name or all, shape (size,).
 
-        Those that are not named stay. The problem itself without parameters, or at its own values.
+        Parameters that are not named stay. At its own values the problem itself is returned.
 
         Raises:
             ValueError: As `Parameters.at` and `Parameters.mechanism`; if a mechanism
@@ -223,34 +238,35 @@ class Problem(LoadCases):
 
     def at_evaluation(self, evaluation: Evaluation) -> Self:
         """The same problem at the parameters of an ``evaluation``."""
-        evaluated = evaluation.at.names if evaluation.at else []
+        parameters = evaluation.mechanism_parameters
+        evaluated = parameters.names if parameters else []
         names = self.parameters.names if self.parameters else []
         if evaluated != names:
             raise ValueError(
                 f"problem: the evaluation is of another problem: its parameters are {evaluated}, "
                 f"and those of this problem {names}"
             )
-        return self if evaluation.at is None else self.at(evaluation.at.values)
+        return self if parameters is None else self.at(parameters.values)
 
     def refuse_foreign(self, evaluation: Evaluation) -> None:
-        """Refuse, by a ValueError, an ``evaluation`` of other bodies or mechanisms."""
+        """Raise a ValueError if an ``evaluation`` is of other bodies or mechanisms."""
         self._designed.refuse_foreign(evaluation.bodies)
         self.at_evaluation(evaluation).refuse_foreign_load_cases(evaluation)
 
     def refuse_other_psi(self, evaluation: Evaluation) -> None:
-        """Refuse an ``evaluation`` whose psi this problem would not have found.
+        """Refuse an ``evaluation`` whose steps, motion or psi differ from those of this problem.
 
-        Nothing is simulated. It serves what compares psi of an evaluation with others.
+        Nothing is simulated. Estimates that compare psi of an evaluation with others call it.
         """
-        responses, there = self._responses(evaluation), self.at_evaluation(evaluation)
-        for name, case in there.load_cases.items():
+        responses, problem = self._responses(evaluation), self.at_evaluation(evaluation)
+        for name, case in problem.load_cases.items():
             trajectory = evaluation.load_cases[name].trajectory
             if trajectory is not None and not alike(trajectory.integrator, case.integrator):
                 raise ValueError(
                     f"problem: the evaluation has other time steps than {self._of('this', name)}: "
                     f"{trajectory.integrator.in_words}, not {case.method.in_words}; {GIVE_BOTH}"
                 )
-        psi, _ = there._evaluated(responses)
+        psi, _ = problem._evaluated(responses)
         if not abs(psi - evaluation.psi) <= DIFFERS * max(abs(psi), abs(evaluation.psi)):
             raise ValueError(
                 f"problem: the evaluation is of another objective: for its motion psi of this "
@@ -260,9 +276,9 @@ class Problem(LoadCases):
     def check_influence(self) -> None:
         """Refuse parameters on which nothing depends; bodies are reduced once."""
         if self.parameters is not None:
-            given = self._designed.response(self._designed.reduce(self._designed.filled(1.0)))
+            full = self._designed.response(self._designed.reduce(self._designed.filled(1.0)))
             with on_every_rank(self.comm, WORK):
-                check_influence(self.load_cases, given)
+                check_influence(self.load_cases, full)
 
     def with_modes(self, modes: Mapping[str, int]) -> Self:
         """The same problem with other numbers of normal ``modes``, by name of the body."""
@@ -314,21 +330,26 @@ class Problem(LoadCases):
         """
         with on_every_rank(self.comm, WORK):
             densities = self._designed.checked(x)
-        given = self._designed.response(self._designed.reduce(densities))
+        response = self._designed.response(self._designed.reduce(densities))
         with on_every_rank(self.comm, WORK):
-            chosen = {n: m.with_tolerance(given, tolerance) for n, m in self.load_cases.items()}
-        return self._with(chosen)
+            return self._with(
+                {
+                    name: case.with_tolerance(response, tolerance)
+                    for name, case in self.load_cases.items()
+                }
+            )
 
     def with_steps_for(self, evaluation: Evaluation) -> Problem:
-        """The same problem with time steps that are judged anew at an ``evaluation``.
+        """The same problem with time steps that suffice at an ``evaluation``.
 
-        The steps that a `TimeInterval` left open were chosen for half filled and for full bodies;
-        given steps stay as they are. Returns the problem itself where all steps still suffice; new
-        ones are printed, with a `TimeStepWarning` if they do not.
+        The steps that a `TimeInterval` left open were chosen for half filled and for full bodies.
+        Where they do not suffice, new ones are chosen and printed, with a `TimeStepWarning` if
+        these do not suffice, either. The steps of a user stay. Returns the problem itself where no
+        step changes.
         """
         problem = self.at_evaluation(evaluation)
         responses = self._responses(evaluation)
-        return problem._with(chosen_again(self.comm, problem.load_cases, responses))
+        return problem._with(with_better_steps(self.comm, problem.load_cases, responses))
 
     def time_errors(self, evaluation: Evaluation) -> dict[str, float]:
         """Estimates of the relative errors by the time steps at an ``evaluation``, by load case.
@@ -339,34 +360,37 @@ class Problem(LoadCases):
         responses = self._responses(evaluation)
         with on_every_rank(self.comm, "the errors of time steps"):
             cases = self.at_evaluation(evaluation).load_cases
-            found = {n: m.time_error(responses[n]) for n, m in cases.items()}
-        return dict(self.comm.bcast(found))
+            errors = {name: case.time_error(responses[name]) for name, case in cases.items()}
+        return dict(self.comm.bcast(errors))
 
     def calibrated(self, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
         """The problem and an ``evaluation`` with objectives that are corrected at this design.
 
         `PeakStress` as objective, in sums and in constraints then equals the largest stress there.
         Nothing is simulated for it. The evaluation has values and no gradients; where no objective
-        is to be corrected, both are the given ones.
+        is corrected, problem and evaluation are returned unchanged.
         """
         return self.adapted(evaluation, MechanicalProblem.calibrated_at)
 
-    def adapted(self, evaluation: Evaluation, changed: Change) -> tuple[Problem, Evaluation]:
-        """The problem with load cases ``changed`` at an ``evaluation``, and theirs."""
+    def adapted(self, evaluation: Evaluation, change: Change) -> tuple[Problem, Evaluation]:
+        """The problem with a ``change`` of each load case at an ``evaluation``, and its evaluation.
+
+        Nothing is simulated, as the motion stays.
+        """
         responses = self._responses(evaluation)
         with on_every_rank(self.comm, WORK):
-            cases = {n: changed(m, responses[n]) for n, m in self.load_cases.items()}
+            cases = {n: change(case, responses[n]) for n, case in self.load_cases.items()}
         problem = self._with(cases)
         if problem is self:
             return self, evaluation
-        psi, found = problem._evaluated(responses)
+        psi, evaluated = problem._evaluated(responses)
         return problem, replace(
             evaluation,
             psi=psi,
-            constraints=problem._labelled(found),
+            constraints=problem._labelled(evaluated),
             gradient=None,
             integrals_gradient=None,
-            load_cases=found,
+            load_cases=evaluated,
         )
 
     def value(self, x: Densities) -> Evaluation:
@@ -384,19 +408,19 @@ class Problem(LoadCases):
             SimulationError: If the trajectory cannot be computed, or there is no mechanism with the
                 parameters of ``x``.
         """
-        bodies = self._designed
+        designed = self._designed
         with on_every_rank(self.comm, WORK):
-            label, values, rest = apart(x, self.flexible, self.parameters)
-            densities = bodies.checked(rest)
+            label, values, by_body = split_parameters(x, self.flexible, self.parameters)
+            densities = designed.checked(by_body)
         if values is not None:
             try:
                 return replace(self.at(values).value(densities), label=label)
             except TopologyError:
                 raise
-            except ValueError as error:  # of a trial, which is taken back
+            except ValueError as error:  # an optimiser takes this step back
                 raise SimulationError(str(error), None) from error  # type: ignore[arg-type]
-        reduced = bodies.reduce(densities)
-        begin, response = perf_counter(), bodies.response(reduced)
+        reduced = designed.reduce(densities)
+        begin, response = perf_counter(), designed.response(reduced)
         simulated = trajectories(self.comm, self.load_cases, response.bodies)
         psi, cases = self._evaluated(self._moving(response, simulated))
         seconds = {"simulation": perf_counter() - begin}
@@ -404,14 +428,14 @@ class Problem(LoadCases):
             psi=psi,
             gradient=None,
             bodies=reduced,
-            volume=bodies.volume(reduced),
-            fixed_interface_frequencies={n: part.basis.frequencies for n, part in reduced.items()},
-            outer_gap={name: part.basis.spectral_gap for name, part in reduced.items()},
+            volume=designed.volume(reduced),
+            fixed_interface_frequencies={n: body.basis.frequencies for n, body in reduced.items()},
+            outer_gap={name: body.basis.spectral_gap for name, body in reduced.items()},
             solver_iterations={},
-            seconds=reduce(summed, [*(part.seconds for part in reduced.values()), seconds]),
+            seconds=reduce(summed, [*(body.seconds for body in reduced.values()), seconds]),
             constraints=self._labelled(cases),
             load_cases=cases,
-            at=self.parameters,
+            mechanism_parameters=self.parameters,
         )
 
     def gradient(self, x: Densities, *, nodes: bool = False) -> Evaluation:
@@ -430,25 +454,25 @@ class Problem(LoadCases):
         nodes: bool = False,
         densities: bool = True,
     ) -> Evaluation:
-        """An evaluation with the exact gradients added.
+        """Add the exact gradients to an ``evaluation``.
 
-        So a design whose value is rejected need not be differentiated. Bodies keep the factor of
-        the density that they were reduced at last; for an earlier evaluation their matrices are
+        So a design whose value is rejected need not be differentiated. Bodies store the factor of
+        the density at which they were reduced last; for an earlier evaluation their matrices are
         assembled and factored once more.
 
         Args:
-            evaluation: What `value` returned, at any time.
+            evaluation: The result of `value`, at any time.
             by_load_case: Give each of several load cases a gradient of its own, too, which takes as
-                many adjoint solutions of the finite elements. With `WorstCase`, those near the
+                many adjoint solutions of the finite elements. With `WorstCase`, load cases near the
                 largest value always have one.
-            nodes: Whether the derivatives with respect to the nodes of the meshes are wanted, too;
-                `FlexibleBody.pullback` says what moves with them.
-            densities: Whether those by densities are wanted; else ``gradient`` is None.
+            nodes: Whether to add derivatives with respect to the nodes of the meshes;
+                `FlexibleBody.pullback` explains what moves with them.
+            densities: Whether to add derivatives by densities; else ``gradient`` is None.
 
         Raises:
             MemoryError: If that would take more memory than a machine has.
             RuntimeError: If an adjoint system cannot be solved.
-            ValueError: With ``nodes`` if a length that is not given depends on them.
+            ValueError: With ``nodes``, if a length that follows from placements depends on them.
         """
         if nodes:
             mechanisms = [case.mechanism for case in self.load_cases.values()]
@@ -468,9 +492,9 @@ class Problem(LoadCases):
             for label in case.objectives
             if label or name in weights or name in separate
         ]
-        partial = self._direct(responses, jobs)
-        through = adjoints(self.comm, responses, partial)
-        derivatives = {job: d.without_trajectory(through[job]) for job, d in partial.items()}
+        direct = self._direct(responses, jobs)
+        indirect = adjoints(self.comm, responses, direct)
+        derivatives = {job: d.without_trajectory(indirect[job]) for job, d in direct.items()}
         seconds = {"adjoint": perf_counter() - begin}
         pulled: list[Pulled] = []
 
@@ -549,7 +573,7 @@ class Problem(LoadCases):
         check_alike(self.comm, "problem", compared, DIFFERS)
         return {job: derivatives[job] for job in jobs}
 
-    def _counting(
+    def _weighted_cases(
         self, evaluation: Evaluation
     ) -> tuple[dict[str, Response], dict[Job, Derivatives], dict[str, float]]:
         """Responses, partial derivatives of load cases with non-zero weight, and these weights."""
@@ -563,22 +587,22 @@ class Problem(LoadCases):
     ) -> tuple[dict[str, VolumeIntegrals], dict[str, VolumeIntegrals]]:
         """The derivatives of psi by the volume integrals at an ``evaluation``, by body.
 
-        At fixed trajectory (only bodies on which the objective depends directly), and through the
-        trajectory; the same on every rank.
+        The first mapping is at fixed trajectory, for bodies on which the objective depends
+        directly; the second one is through the trajectory. Both are the same on every rank.
         """
-        responses, direct, weights = self._counting(evaluation)
-        through = adjoints(self.comm, responses, direct)
-        none = Derivatives()
-        fixed = weighted({n: direct[n, ""].without_trajectory(none) for n in weights}, weights)
-        through_motion = weighted({n: through[n, ""] for n in weights}, weights)
-        return dict(fixed.integrals), dict(through_motion.integrals)
+        responses, direct, weights = self._weighted_cases(evaluation)
+        indirect = adjoints(self.comm, responses, direct)
+        no_motion = Derivatives()
+        fixed = weighted({n: direct[n, ""].without_trajectory(no_motion) for n in weights}, weights)
+        by_motion = weighted({n: indirect[n, ""] for n in weights}, weights)
+        return dict(fixed.integrals), dict(by_motion.integrals)
 
     def partial_derivatives(self, evaluation: Evaluation) -> Derivatives:
         """The partial derivatives of psi at an ``evaluation``.
 
-        That by the trajectory is None where there are several load cases.
+        The derivative by the trajectory is None where there are several load cases.
         """
-        _, derivatives, weights = self._counting(evaluation)
+        _, derivatives, weights = self._weighted_cases(evaluation)
         if len(self.load_cases) > 1:
             derivatives = {
                 j: partial.without_trajectory(Derivatives()) for j, partial in derivatives.items()
@@ -594,9 +618,14 @@ class Problem(LoadCases):
     ) -> float:
         """Psi at the densities of an ``evaluation``, with other integrals or other steps.
 
-        All ``bodies`` are given by their volume integrals, ``stresses`` for the bodies with a
-        mesh, and ``integrators``, by load case, replace the problem's. Nothing is warned of.
-        Start values of elastic coordinates belong to the bodies' first shape functions.
+        Nothing is warned of. Start values of elastic coordinates belong to the first shape
+        functions of a body.
+
+        Args:
+            evaluation: Of this problem; it gives the densities and the parameters.
+            bodies: Volume integrals of all bodies, by name.
+            stresses: Stress of the bodies with a mesh, by name.
+            integrators: Replace the problem's integrators, by load case.
         """
         modes = {name: body.modes for name, body in bodies.items()}
         cases = {
@@ -624,7 +653,7 @@ class Problem(LoadCases):
         return dict(self._designed.response(evaluation.bodies).bodies)
 
     def response(self, evaluation: Evaluation) -> Response:
-        """The arguments of the only load case's objective, at an ``evaluation``."""
+        """The response of the only load case at an ``evaluation``, the argument of objectives."""
         instead = "problem.alone({0!r}).response(evaluation.alone({0!r}))"
         return only_case(self._responses(evaluation), instead)
 
@@ -637,13 +666,13 @@ class Problem(LoadCases):
         simulated = {name: case.trajectory for name, case in evaluation.load_cases.items()}
         responses = problem._moving(bodies, simulated)
         for name, response in responses.items():
-            response.known.update(evaluation.load_cases[name].known)
+            response.cache.update(evaluation.load_cases[name].cache)
         return responses
 
     def _moving(
         self, response: Response, simulated: Mapping[str, Trajectory | None]
     ) -> dict[str, Response]:
-        """Responses by load case, with the bodies that its mechanism states."""
+        """Responses by load case, with trajectories and the bodies of parametric mechanisms."""
         cases = self.load_cases.items()
         return {n: replace(case.response(response), simulated=simulated[n]) for n, case in cases}
 
@@ -662,7 +691,7 @@ class Problem(LoadCases):
             for label, bound in evaluations[name].constraints.items():
                 compared[self._of(f"the constraint {label!r}", name)] = bound.value
         check_alike(self.comm, "problem", compared, DIFFERS)
-        # the last bits of a rank may decide nothing
+        # the last bits of a rank must not decide anything
         values = self.comm.bcast(
             {n: (evaluation.psi, evaluation.constraints) for n, evaluation in evaluations.items()}
         )
@@ -670,7 +699,7 @@ class Problem(LoadCases):
             psi = self._combined({name: value for name, (value, _) in values.items()})
         return psi, {
             name: LoadCaseEvaluation(
-                value, responses[name].simulated, bounds, known=responses[name].known
+                value, responses[name].simulated, bounds, cache=responses[name].cache
             )
             for name, (value, bounds) in values.items()
         }

@@ -31,7 +31,7 @@ from ..dynamics import (
     restored,
     warn_of_limits,
 )
-from ..mechanical_problem import MechanicalProblem, moves, through_trajectory
+from ..mechanical_problem import MechanicalProblem, depends_on_motion, through_trajectory
 from ..objective import Derivatives, Response
 from ..parallel import gathered, on_every_rank
 from .bodies import DesignedBodies
@@ -41,19 +41,22 @@ Bodies = Mapping[str, VolumeIntegrals]
 #: A load case, and the label of the number that is differentiated
 Job = tuple[str, str]
 
-WORK = "the evaluation of a problem"  #: The name of the sections in messages
-INSTANTS = 2000  #: Taken where the steps follow from a tolerance
 Cases = Mapping[str, MechanicalProblem]
 
-#: Densities of design elements at which time steps are chosen
+#: The name of the sections in messages
+WORK = "the evaluation of a problem"
+#: Assumed number of steps where they follow from a tolerance
+INSTANTS = 2000
+#: Densities of the designed elements at which time steps are chosen
 FILLED = (0.5, 1.0)
 
 
 def owners(costs: Mapping[Key, float], ranks: int) -> dict[Key, int]:
     """The rank that computes each load case, so that all ranks end at about the same time.
 
-    The largest of the ``costs`` first, each to the rank that has least to do: at most 4/3 of the
-    least time (R. L. Graham, SIAM Journal on Applied Mathematics 17 (1969), doi:10.1137/0117039).
+    In the order of their ``costs``, the largest first, each goes to the rank with the least load.
+    This takes at most 4/3 of the least possible time (R. L. Graham, SIAM Journal on Applied
+    Mathematics 17 (1969), doi:10.1137/0117039).
     """
     load, rank_of = [0.0] * ranks, dict.fromkeys(costs, 0)
     for key in sorted(costs, key=lambda key: -costs[key]):
@@ -68,8 +71,8 @@ def trajectories(
 ) -> dict[str, Trajectory | None]:
     """The trajectories of load cases of the same ``bodies``, alike on every rank.
 
-    None where nothing depends on a trajectory. With ``warn`` their limits are warned of. Errors of
-    the simulation are raised on every rank, of several load cases the first one's.
+    A trajectory is None where nothing depends on it. With ``warn`` its limits are warned of. Errors
+    of the simulation are raised on every rank; of several load cases the first error counts.
     """
     several, by_case = len(cases) > 1, dict[str, Trajectory | None]()
     failed: dict[str, SimulationError] = {}
@@ -96,7 +99,7 @@ def trajectories(
                         warn_of_limits(simulated)
     if not several:
         return by_case
-    numbers = {name: message and message.numbers for name, message in by_case.items()}
+    numbers = {name: trajectory and trajectory.numbers for name, trajectory in by_case.items()}
     texts = {name: str(error) for name, error in failed.items()}
     messages = gathered(comm, "the load cases of a problem", (numbers, recorded, texts))
     all_numbers, all_warnings, errors = (
@@ -122,8 +125,10 @@ def adjoints(
 ) -> dict[Job, Derivatives]:
     """The derivatives by all integrals and by parameters through the trajectories.
 
-    The ``responses`` are given by load case, the partial derivatives ``direct`` by load case and
-    label.
+    Args:
+        comm: The ranks, among which the jobs are spread.
+        responses: By load case.
+        direct: Partial derivatives by load case and label.
     """
     several, by_job = len(responses) > 1, dict[Job, Derivatives]()
     costs = {}
@@ -139,7 +144,7 @@ def adjoints(
                 jobs, bars = [job for job in mine if job[0] == case], dict[Job, Bars]()
                 for job in jobs:
                     response, bar = responses[case], direct[job].trajectory
-                    if bar is not None and moves(direct[job], response):
+                    if bar is not None and depends_on_motion(direct[job], response):
                         bars[job] = adjoint(response.trajectory, bar)
                 by_job |= through_trajectory(responses[case], jobs, bars)
     all_jobs = _joined(gathered(comm, "the adjoints of a problem", by_job)) if several else by_job
@@ -163,12 +168,13 @@ def _cost(case: MechanicalProblem, bodies: Bodies) -> float:
 
 
 def _joined(mappings: Sequence[Mapping[Key, Any]]) -> dict[Key, Any]:
+    """One mapping with the entries of all."""
     return {key: value for mapping in mappings for key, value in mapping.items()}
 
 
 @contextmanager
 def _named(case: str) -> Iterator[None]:
-    """Add the name of the load case to errors raised within."""
+    """A context in which the name of the load case is added to errors."""
     try:
         yield
     except Exception as error:
@@ -178,7 +184,7 @@ def _named(case: str) -> Iterator[None]:
 
 @contextmanager
 def _recorded(case: str, recorded: dict[str, list[tuple[type[Warning], str]]]) -> Iterator[None]:
-    """Keep the warnings within for all ranks, and name the load case in errors."""
+    """A context that records warnings, for all ranks, and names the load case in errors."""
     with warnings.catch_warnings(record=True) as caught, _named(case):
         warnings.simplefilter("always")
         yield
@@ -188,28 +194,29 @@ def _recorded(case: str, recorded: dict[str, list[tuple[type[Warning], str]]]) -
 def checked_memory(bodies: DesignedBodies, cases: Cases, available: int, *, adjoint: bool) -> None:
     """Refuse trajectories that take more than the memory ``available`` [bytes].
 
-    Of a `TimeInterval` nothing is known before its steps are chosen.
+    A `TimeInterval` is not checked before its steps are chosen.
     """
     modes, space = bodies.modes.values(), bodies.space
-    needed = {
+    integrators = {
         name: case.integrator
         for name, case in cases.items()
         if case.needs_trajectory and not isinstance(case.integrator, TimeInterval)
     }
     with on_every_rank(bodies.comm, WORK):
         memory = {
-            n: required_memory(integrator, modes, space=space) for n, integrator in needed.items()
+            name: required_memory(integrator, modes, space=space)
+            for name, integrator in integrators.items()
         }
-        for name, integrator in needed.items():
-            # all trajectories are kept, one adjoint is computed at a time
+        for name, integrator in integrators.items():
+            # all trajectories are stored, one adjoint is computed at a time
             remaining = available - sum(memory.values()) + memory[name]
             check_memory(integrator, modes, remaining, adjoint=adjoint, space=space)
 
 
-def chosen_before(bodies: DesignedBodies, cases: Cases) -> dict[str, MechanicalProblem]:
+def with_first_steps(bodies: DesignedBodies, cases: Cases) -> dict[str, MechanicalProblem]:
     """The load cases with method and steps in the place of time intervals.
 
-    Half filled and full bodies are judged, and the costlier choice counts.
+    Steps are chosen for half filled and for full bodies, of which the costlier choice counts.
     """
     intervals = {
         name: case.integrator
@@ -221,18 +228,18 @@ def chosen_before(bodies: DesignedBodies, cases: Cases) -> dict[str, MechanicalP
         response = bodies.response(bodies.reduce(bodies.filled(share)))
         with on_every_rank(bodies.comm, "the choice of time steps"):
             for name, interval in intervals.items():
-                choice = cases[name].choice(response, interval)
+                choice = cases[name].choose_steps(response, interval)
                 earlier = choices.get(name)
                 if earlier is not None and earlier.cost >= choice.cost:
                     choice = replace(earlier, error=max(earlier.error, choice.error))
                 choices[name] = choice
-    return _stepping(bodies.comm, cases, choices)
+    return _with_choices(bodies.comm, cases, choices)
 
 
-def chosen_again(
+def with_better_steps(
     comm: MPI.Comm, cases: Cases, responses: Mapping[str, Response]
 ) -> dict[str, MechanicalProblem]:
-    """The load cases, with steps chosen anew where those chosen before do not suffice."""
+    """The load cases, with steps chosen anew where the earlier choice does not suffice."""
     choices: dict[str, StepChoice] = {}
     with on_every_rank(comm, "the choice of time steps"):
         for name, case in cases.items():
@@ -242,20 +249,20 @@ def chosen_again(
             if tolerance is None:
                 continue
             interval = TimeInterval(case.integrator.end_time, tolerance)
-            choice = case.choice(responses[name], interval)
+            choice = case.choose_steps(responses[name], interval)
             if choice.integrator != case.integrator:
                 choices[name] = choice
-    return _stepping(comm, cases, choices)
+    return _with_choices(comm, cases, choices)
 
 
-def _stepping(
+def _with_choices(
     comm: MPI.Comm, cases: Cases, choices: Mapping[str, StepChoice]
 ) -> dict[str, MechanicalProblem]:
-    """The load cases with the steps that rank 0 has chosen for some of them, and prints."""
-    stepping = dict(cases)
+    """The load cases with the steps that rank 0 has chosen for some of them; it prints these."""
+    changed = dict(cases)
     for name, choice in comm.bcast(dict(choices)).items():
-        stepping[name] = cases[name].stepping(choice)
+        changed[name] = cases[name].with_steps(choice)
         if comm.rank == 0:
             prefix = "" if len(cases) == 1 else f"load case {name!r}: "
             print(f"dolfinx_ffr: {prefix}{choice}", file=sys.stderr)
-    return stepping
+    return changed
