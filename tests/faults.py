@@ -31,8 +31,8 @@ boundary/step.py | inner + 0.5 * np.sum((inner | inner - 0.5 * np.sum((inner | b
 boundary/surface.py | kron(lines[0], lines[1]) | kron(lines[0], lines[0]) | boundary/test_surface.py
 boundary_field/sizes.py | diags(2.0 * (yy | diags((yy | boundary_field
 design/density_filter.py | 1.0 - np.tanh(self.beta * (means | 1.0 + np.tanh(self.beta * (means | design/test_density_filter.py
-design/dimensions.py | ends[0][k] - ends[1][k] | ends[0][k] - here[k] | design/test_dimensions.py
-design/level_set.py | WEIGHT * ramp * late | WEIGHT * late | design/test_level_set.py optimization/test_mma.py
+design/dimensions.py | ends[0][k] - ends[1][k] | ends[0][k] - center[k] | design/test_dimensions.py
+design/level_set.py | OPTIONS.weight * ramp * late | OPTIONS.weight * late | design/test_level_set.py optimization/test_mma.py
 design/level_set.py | min(row, rows - 1 - row) | min(row, rows - row) | design/test_level_set.py
 design/rbf.py | x + 0.5 * width] | x + width] | design/test_rbf.py
 dynamics/integration/generalized_alpha.py | (0.5 - beta) | (0.5 + beta) | dynamics/test_dynamics.py

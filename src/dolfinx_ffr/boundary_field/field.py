@@ -113,11 +113,11 @@ class FieldSpace:
         if not self.rims.width:
             return {}
         stays = self._regions.buffer(1e-2 * self.rims.width)
-        around = {
-            number: hole.buffer(self.rims.width, quad_segs=96).intersection(self.body.outline)
-            for number, hole in enumerate(self.drawn_holes)
+        return {
+            number: rim
+            for number, (_, rim) in enumerate(self.rims.regions)
+            if not stays.covers(rim)
         }
-        return {number: rim for number, rim in around.items() if not stays.covers(rim)}
 
     @property
     def drawn_holes(self) -> list[shapely.Polygon]:

@@ -42,14 +42,14 @@ from ..parallel import agreed_memory, on_every_rank
 def check_neighbours(
     domain: Domain, what: str, sizes: tuple[float, float], reach: float, remedy: str, ranks: int = 1
 ) -> None:
-    """Refuse more pairs than memory holds, within ``reach`` distances of the second points."""
+    """Refuse more pairs than fit into memory, within ``reach`` distances of the second points."""
     memory = agreed_memory(domain.comm) * ranks
     with on_every_rank(domain.comm, what):
         check_pairs(what, sizes, reach, domain.dimension, remedy, memory)
 
 
 class DensityFilter:
-    """Weighted means over round neighbourhoods; keeps constants and the volume.
+    """Weighted means over round neighbourhoods, which preserve constants and the volume.
 
     Values are those of all cells, in the order of `Domain.everywhere`, on every rank.
 
@@ -78,18 +78,21 @@ class DensityFilter:
         areas = domain.everywhere(domain.cell_volumes)
         self._share = areas / areas.mean()
         tree = cKDTree(domain.everywhere(domain.centroids))
-        near = tree.sparse_distance_matrix(tree, self.radius, output_type="ndarray")
-        weights = 1.0 - near["v"] / (self.radius or 1.0)
+        pairs = tree.sparse_distance_matrix(tree, self.radius, output_type="ndarray")
+        weights = 1.0 - pairs["v"] / (self.radius or 1.0)
         if self.radius > 0.0:
             # at the radius itself the weight is round-off
-            self._warn_of_idle(tree, np.count_nonzero(weights > 1e-9))
-        kernel = scipy.sparse.coo_matrix((weights, (near["i"], near["j"])), shape=(n, n)).tocsr()
+            self._warn_without_neighbours(tree, np.count_nonzero(weights > 1e-9))
+        kernel = scipy.sparse.coo_matrix((weights, (pairs["i"], pairs["j"])), shape=(n, n)).tocsr()
         balance = _balance(kernel, self._share)
-        left, right = scipy.sparse.diags(balance), scipy.sparse.diags(balance * self._share)
+        row_scale, column_scale = (
+            scipy.sparse.diags(balance),
+            scipy.sparse.diags(balance * self._share),
+        )
         #: (cells, cells) weights of the means; rows sum to one
-        self.matrix = scipy.sparse.csr_matrix(left @ kernel @ right)
+        self.matrix = scipy.sparse.csr_matrix(row_scale @ kernel @ column_scale)
 
-    def _warn_of_idle(self, tree: cKDTree, pairs: int) -> None:
+    def _warn_without_neighbours(self, tree: cKDTree, pairs: int) -> None:
         """Warn if fewer than half of the cells have a neighbour within the radius."""
         cells = self.domain.n_cells_global
         if cells > 1 and pairs < 1.5 * cells:  # each cell is a pair with itself
@@ -106,7 +109,7 @@ class DensityFilter:
         return np.asarray(self.matrix @ values)
 
     def pullback(self, means_bar: Array) -> Array:
-        """The derivative by the values, given that by the means, ``means_bar``, both (cells,)."""
+        """The derivative by the values from the derivative ``means_bar`` by the means, (cells,)."""
         return np.asarray(self.matrix.T @ means_bar)
 
 
@@ -148,6 +151,6 @@ class HeavisideProjection:
         return np.tanh(self.beta * np.array([self.eta, 1.0 - self.eta]))
 
     def pullback(self, means: Array, x_bar: Array) -> Array:
-        """The derivative by ``means``, given that by their projection, ``x_bar``, of any shape."""
+        """The derivative by ``means`` from the derivative ``x_bar`` by their projection."""
         slope = 1.0 - np.tanh(self.beta * (means - self.eta)) ** 2
         return np.asarray(x_bar * self.beta * slope / sum(self._ends))

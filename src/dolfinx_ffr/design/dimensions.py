@@ -38,53 +38,53 @@ from ..limits import check_count
 from ..parallel import on_every_rank, on_rank_0
 from .parametrization import Variables
 
-#: Change of a dimension for differences of the geometry, as share of its range
+#: Change of a dimension for differences of the geometry, as a part of its range
 _STEP = 1e-5
-#: Digits of a dimension, as share of its range: a multiple of them is the change above
+#: Digits to which a dimension is rounded, as a part of its range: the step is a multiple of them
 _DIGITS = 8
-#: Motion by such a change, in sizes of the body, beyond which curves are taken for exchanged
+#: Largest motion by such a step, in sizes of the body; curves that move farther have been exchanged
 _JUMP = 1e-2
-#: Share of the range within which a dimension stands at a bound
-_AT = 1e-3
-#: Distance of a node from a curve or face on which it lies, in sizes of the body
+#: Part of its range within which a dimension stands at a bound
+_AT_BOUND = 1e-3
+#: Largest distance of a node from a curve or face on which it lies, in sizes of the body
 _ON = 1e-7
 
 
 class NodesOnGeometry:
-    """Which nodes of a mesh lie on points, curves and faces of a gmsh model; made on rank 0.
+    """The nodes of a mesh that lie on points, curves and faces of a gmsh model; made on rank 0.
 
-    They keep their parameters there while the model changes, as shares of the range that the curve
-    or face has. Within a face they move along it as smoothly as its edges let them, and across it
-    with the face; all other vertices follow by Laplace's equation (`extended`).
+    While the model changes, their parameters are constant shares of the range of the curve or face.
+    Nodes within a face move across it with the face, and along it by Laplace's equation from its
+    edges; all other vertices follow by Laplace's equation (`extended`).
     """
 
     def __init__(self, model: Any, x: Array, outer: Integers) -> None:
-        """From all nodes (nodes, dimension) and the numbers of those on the boundary."""
+        """Find them among the nodes ``x`` (nodes, dimension); ``outer`` numbers the boundary's."""
         self.dimension = x.shape[1]
         points = np.pad(x, ((0, 0), (0, 3 - self.dimension)))
         self._near = _ON * float(np.max(np.ptp(points, axis=0)))
         #: Dimension, tag, numbers of the nodes there, and shares (nodes, dimension) of parameters
         self._places: list[tuple[int, int, Integers, Array]] = []
-        left = np.zeros(len(x), dtype=bool)
-        left[outer] = True
+        unplaced = np.zeros(len(x), dtype=bool)
+        unplaced[outer] = True
         for dim, tag in model.getEntities():  # points first
             if dim >= self.dimension:
                 continue
             box = np.reshape(model.getBoundingBox(dim, tag), (2, 3))
             margin = 1e-3 * float(np.max(np.ptp(points, axis=0)))
             inside = np.all((points > box[0] - margin) & (points < box[1] + margin), axis=1)
-            nodes = np.flatnonzero(left & inside)
-            if not len(nodes):
+            candidates = np.flatnonzero(unplaced & inside)
+            if not len(candidates):
                 continue
-            shares = np.zeros((len(nodes), dim))
+            shares = np.zeros((len(candidates), dim))
             if dim:
                 low, width = _range(model, dim, tag)
-                parameters = model.getParametrization(dim, tag, points[nodes].ravel())
+                parameters = model.getParametrization(dim, tag, points[candidates].ravel())
                 shares = (np.reshape(parameters, (-1, dim)) - low) / width
             positions = _at(model, dim, tag, shares)
-            on = np.linalg.norm(positions - points[nodes], axis=1) < self._near
-            left[nodes[on]] = False
-            self._places.append((dim, tag, nodes[on], shares[on]))
+            is_on = np.linalg.norm(positions - points[candidates], axis=1) < self._near
+            unplaced[candidates[is_on]] = False
+            self._places.append((dim, tag, candidates[is_on], shares[is_on]))
 
     @property
     def nodes(self) -> Integers:
@@ -92,17 +92,17 @@ class NodesOnGeometry:
         return np.concatenate([nodes for _, _, nodes, _ in self._places]).astype(np.int64)
 
     def positions(self, model: Any) -> Array:
-        """Where they are in a model that is alike, shape (those nodes, dimension) [m]."""
+        """Their positions in a model of the same topology, shape (nodes here, dimension) [m]."""
         positions = [_at(model, dim, tag, shares) for dim, tag, _, shares in self._places]
         return np.concatenate(positions)[:, : self.dimension]
 
     def on_faces(self, model: Any) -> tuple[Integers, Array]:
         """Numbers of the nodes on faces of a body in space, and unit normals there (nodes, 3)."""
         nodes, normals = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
-        for dim, tag, some, shares in self._places:
-            if dim == 2 and len(some):
+        for dim, tag, on_face, shares in self._places:
+            if dim == 2 and len(on_face):
                 low, width = _range(model, dim, tag)
-                nodes.append(some)
+                nodes.append(on_face)
                 normals.append(
                     np.reshape(model.getNormal(tag, (low + shares * width).ravel()), (-1, 3))
                 )
@@ -110,7 +110,7 @@ class NodesOnGeometry:
 
 
 def _range(model: Any, dim: int, tag: int) -> tuple[Array, Array]:
-    """Lowest parameters, and the extent of their range, shape (dim,) each."""
+    """The lowest parameters of a curve or face, and the extents of their ranges, (dim,) each."""
     low, high = (np.asarray(bound) for bound in model.getParametrizationBounds(dim, tag))
     return low, high - low
 
@@ -130,9 +130,10 @@ def extended(
     known: Mask,
     faces: tuple[Integers, Array] | None,
 ) -> Array:
-    """Motions (nodes, dimension, k) of all nodes from those, in ``rates``, of the ``known`` ones.
+    """Extend the motions ``rates`` (nodes, dimension, k) of ``known`` nodes to all nodes.
 
-    In space ``faces`` are nodes on faces with their normals: ``rates`` count across these alone.
+    In space ``faces`` are nodes on faces with their normals, whose ``rates`` count across the faces
+    alone.
     """
     d = x.shape[1]
     corners, rates, known = cells[:, : d + 1], rates.copy(), known.copy()
@@ -174,22 +175,22 @@ def outer_facets(corners: Integers) -> Integers:
     """The facets, by their vertices, that belong to one simplex alone."""
     n = corners.shape[1]
     facets = np.concatenate([np.delete(corners, i, axis=1) for i in range(n)])
-    _, first, count = np.unique(
+    _, first_index, count = np.unique(
         np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
     )
-    return facets[first[count == 1]]
+    return facets[first_index[count == 1]]
 
 
 @dataclass(frozen=True, eq=False)
 class DimensionMotion:
-    """How nodes and centers of a domain move by a unit of each dimension."""
+    """Rates of the nodes and centers of a domain by each dimension."""
 
     comm: MPI.Comm
     nodes: Array  #: For each node of this rank, zero for ghosts, shape (nodes, dimension, k)
     centers: Array  #: Of interfaces, on every rank, shape (interfaces, dimension, k)
 
     def pullback(self, nodes: Array, centers: Array) -> Array:
-        """From derivatives by nodes and centers to that by the dimensions, (k,), on every rank."""
+        """Pull derivatives by nodes and centers back to the dimensions, (k,), on every rank."""
         through_nodes = np.einsum("nd,ndk->k", nodes, self.nodes)
         through_centers = np.einsum("id,idk->k", centers, self.centers)
         return np.asarray(sum(self.comm.allgather(through_nodes)) + through_centers)
@@ -198,17 +199,17 @@ class DimensionMotion:
 class DimensionDesign(Variables):
     """Named dimensions of one body, each between two bounds, as design variables.
 
-    Widths, radii, positions of holes, the place of a bearing. The derivative by a dimension is that
-    by the nodes of the mesh and the centers of interfaces, which move with the geometry; only the
-    geometry itself is differentiated by differences.
+    Examples are widths, radii, positions of holes and the place of a bearing. The derivative by a
+    dimension follows exactly from derivatives by the nodes of the mesh and the centers of
+    interfaces; only their motion with the geometry is found by differences.
 
     Args:
         shape: A function of a mapping from names to numbers. In the plane it returns a mapping of
-            what `Domain.from_outline` takes: ``outline`` (rings or polygons), ``interfaces``
-            (predicates), and where wanted ``centers``. Or it is a function of that mapping and
+            arguments of `Domain.from_outline`: ``outline`` (rings or polygons), ``interfaces``
+            (predicates), and optionally ``centers``. Or it is a function of that mapping and
             ``gmsh.model`` on rank 0, which builds a geometry there by ``model.occ``, in the plane
-            or in space, names its physical groups, and makes no mesh. Values for which it raises,
-            or for which curves or faces are others than at the start, are not taken.
+            or in space, names its physical groups, and makes no mesh. An optimiser rejects values
+            for which it raises, or for which the number of curves or faces changes.
         dimensions: Lower and upper bound by name, lower < upper.
         size: Of the triangles or tetrahedra [m].
         start: Values at the start by name; by default the middles between the bounds.
@@ -234,12 +235,12 @@ class DimensionDesign(Variables):
             raise ValueError("dimensions: none are given; give at least one, name: (lower, upper)")
         #: Their names, in the order of the variables
         self.names = [validation.name("dimensions: a name", name) for name in bounds]
-        every = [
+        pairs = [
             validation.real_array(f"dimensions: {n!r}", pair, (2,), expected="two bounds")
             for n, pair in bounds.items()
         ]
-        self.lower, self.upper = np.array(every).T
-        for name, (low, high) in zip(self.names, every, strict=True):
+        self.lower, self.upper = np.array(pairs).T
+        for name, (low, high) in zip(self.names, pairs, strict=True):
             if not low < high:
                 raise ValueError(
                     f"dimensions: {name!r} is between {low:.6g} and {high:.6g}; give two bounds, "
@@ -261,7 +262,7 @@ class DimensionDesign(Variables):
         return dict(zip(self.names, self._rounded(variables).tolist(), strict=True))
 
     def _rounded(self, variables: ArrayLike) -> Array:
-        """Variables without their last bits, which would decide about meshes, on a grid."""
+        """Variables rounded to `_DIGITS`, so that round-off does not change the mesh."""
         width = np.asarray(self.upper) - self.lower
         share = np.round((np.asarray(variables) - self.lower) / width, _DIGITS)
         return np.where(share == 1.0, self.upper, self.lower + share * width)
@@ -269,8 +270,8 @@ class DimensionDesign(Variables):
     def variables(self, values: Mapping[str, float], others: Array | None = None) -> Array:
         """The variables, shape (size,), of ``values`` by name.
 
-        Those that are not named have the values of ``others``, by default of the start. A
-        ValueError if a name is not known, or a value is not within its bounds.
+        Variables that are not named have the values of ``others``, by default of the start. A
+        ValueError refuses unknown names and values that are not within their bounds.
         """
         variables = np.array(self._start if others is None else others)
         for name, value in values.items():
@@ -286,7 +287,7 @@ class DimensionDesign(Variables):
     def at_bounds(self, variables: ArrayLike) -> dict[str, str]:
         """Which dimensions of ``variables`` (size,) stand at a bound: "lower" or "upper"."""
         share = (np.asarray(variables) - self.lower) / (np.asarray(self.upper) - self.lower)
-        ends = zip(self.names, share < _AT, share > 1.0 - _AT, strict=True)
+        ends = zip(self.names, share < _AT_BOUND, share > 1.0 - _AT_BOUND, strict=True)
         return {n: "lower" if low else "upper" for n, low, high in ends if low or high}
 
     def identity(self) -> dict[str, Any]:
@@ -306,7 +307,7 @@ class DimensionDesign(Variables):
         with self._explained(x):
             if self._drawn:
                 with on_every_rank(comm, "the outline of dimensions"):
-                    outline = self._given(x)
+                    outline = self._outline_arguments(x)
                 on_rank_0(comm, lambda: self._check(x))
                 return Domain.from_outline(comm, **outline, size=self._length, order=self._order)
             with ExitStack() as stack:
@@ -314,16 +315,16 @@ class DimensionDesign(Variables):
                 with on_every_rank(comm, "a geometry of dimensions"):
                     if comm.rank == 0:
                         model = self._meshed(stack, x)
-                how: dict[str, Any] = {"interfaces": self._interfaces, "order": self._order}
-                return Domain.from_gmsh_model(comm, model, **how)
+                options: dict[str, Any] = {"interfaces": self._interfaces, "order": self._order}
+                return Domain.from_gmsh_model(comm, model, **options)
 
     def motion(
         self, domain: Domain, variables: Array, still: NDArray[np.int32] | None = None
     ) -> DimensionMotion:
-        """How the nodes of the ``domain`` of these ``variables`` move with them.
+        """Rates of the nodes of the ``domain`` of these ``variables`` by the dimensions.
 
-        The nodes ``still`` of this rank stay where they are; a ValueError if they are on a boundary
-        that moves.
+        The nodes ``still`` of this rank do not move; a ValueError if they are on a boundary that
+        moves.
         """
         comm = domain.comm
         x, cells, (numbers, owned) = gathered_nodes(domain)
@@ -338,26 +339,27 @@ class DimensionDesign(Variables):
             if rates is None:
                 rates = interface.center_rates(domain.mesh, node_rates)
             center_rates.append(rates)
-        moved = DimensionMotion(comm, node_rates * owned[:, None, None], np.array(center_rates))
+        motion = DimensionMotion(comm, node_rates * owned[:, None, None], np.array(center_rates))
         fastest_nodes = comm.allgather(np.max(np.abs(node_rates), axis=(0, 1), initial=0.0))
         fastest_centers = np.max(np.abs(center_rates), axis=1)
         largest = np.max([*fastest_nodes, *fastest_centers], axis=0)
-        if idle := [n for n, way in zip(self.names, largest, strict=True) if way == 0.0]:
-            warnings.warn(f"dimensions: {idle} move nothing of the body", stacklevel=2)
-        return moved
+        rates_by_name = zip(self.names, largest, strict=True)
+        if without_effect := [name for name, rate in rates_by_name if rate == 0.0]:
+            warnings.warn(f"dimensions: {without_effect} move nothing of the body", stacklevel=2)
+        return motion
 
     @contextmanager
     def _explained(self, variables: Array) -> Iterator[None]:
-        """Errors of the user's function and of gmsh name the dimensions."""
+        """A context in which errors of the user's function and of gmsh name the dimensions."""
         try:
             yield
         except Exception as error:  # gmsh raises nothing more precise, and users' functions do
-            where = ", ".join(f"{n} = {v:.6g}" for n, v in self.named(variables).items())
+            values = ", ".join(f"{n} = {v:.6g}" for n, v in self.named(variables).items())
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
-            raise ShapeError(f"dimensions: no body with {where}: {kind}{error}") from error
+            raise ShapeError(f"dimensions: no body with {values}: {kind}{error}") from error
 
-    def _given(self, variables: Array) -> dict[str, Any]:
-        """What the user's function returns for an outline."""
+    def _outline_arguments(self, variables: Array) -> dict[str, Any]:
+        """The arguments of `Domain.from_outline` that the user's function returns."""
         drawn = self._shape(self.named(variables))
         needed = "a mapping with 'outline' and 'interfaces'"
         validation.instance("dimensions: shape(...)", drawn, Mapping, needed)
@@ -371,13 +373,13 @@ class DimensionDesign(Variables):
         """The outline at ``variables`` (size,) with its interfaces; None of a model of gmsh."""
         if not self._drawn:
             return None
-        shape = self._given(variables)
+        shape = self._outline_arguments(variables)
         drawn = closed_outline("outline", read_outline(shape["outline"], None))
         groups = [""] * len(drawn.curves)
-        for name, where in shape["interfaces"].items():
+        for name, is_interface in shape["interfaces"].items():
             for i, curve in enumerate(drawn.curves):
                 points = np.pad(curve.at(np.linspace(0.0, 1.0, 9)), ((0, 0), (0, 1)))
-                groups[i] = name if np.all(where(points.T)) else groups[i]
+                groups[i] = name if np.all(is_interface(points.T)) else groups[i]
         return replace(drawn, groups=groups)
 
     def _built(self, gmsh: Any, variables: Array) -> Any:
@@ -391,23 +393,23 @@ class DimensionDesign(Variables):
                 gmsh.model.occ.synchronize()
         model = gmsh.model
         groups = [(d, model.getPhysicalName(d, tag)) for d, tag in model.getPhysicalGroups()]
-        parts = [len(model.getEntitiesForPhysicalGroup(*g)) for g in model.getPhysicalGroups()]
+        sizes = [len(model.getEntitiesForPhysicalGroup(*g)) for g in model.getPhysicalGroups()]
         counts = [len(model.getEntities(d)) for d in range(4)]
-        return counts, sorted(zip(groups, parts, strict=True))
+        return counts, sorted(zip(groups, sizes, strict=True))
 
     def _check(self, variables: Array, gmsh: Any = None) -> None:
         """Build the geometry, and refuse another topology than that of the start; on rank 0."""
         if self._topology is None:
-            with gmsh_model("dimensions need") as other:
-                self._topology = self._built(other, self._start)
+            with gmsh_model("dimensions need") as gmsh_at_start:
+                self._topology = self._built(gmsh_at_start, self._start)
         with ExitStack() as stack:
             topology = self._built(gmsh or stack.enter_context(gmsh_model()), variables)
         if topology != self._topology:
             counts = topology[0], self._topology[0]
-            now, at_start = (f"{n[1]} curves and {n[2]} faces" for n in counts)
+            sizes, sizes_at_start = (f"{n[1]} curves and {n[2]} faces" for n in counts)
             raise ValueError(
-                f"the geometry has {now}, and at the start {at_start}, or other physical groups: "
-                "keep the topology for all values, or narrow the bounds"
+                f"the geometry has {sizes}, and at the start {sizes_at_start}, or other physical "
+                "groups: keep the topology for all values, or narrow the bounds"
             )
 
     def _meshed(self, stack: ExitStack, variables: Array) -> Any:
@@ -415,8 +417,8 @@ class DimensionDesign(Variables):
         gmsh = stack.enter_context(gmsh_model("dimensions need"))
         self._check(variables, gmsh)
         self._check_count(gmsh.model)
-        before = gmsh.option.getNumber("Mesh.MeshSizeMax")
-        stack.callback(gmsh.option.setNumber, "Mesh.MeshSizeMax", before)
+        largest_size = gmsh.option.getNumber("Mesh.MeshSizeMax")
+        stack.callback(gmsh.option.setNumber, "Mesh.MeshSizeMax", largest_size)
         gmsh.option.setNumber("Mesh.MeshSizeMax", self._length)
         with quiet():
             gmsh.model.mesh.generate(gmsh.model.getDimension())
@@ -424,7 +426,7 @@ class DimensionDesign(Variables):
         return gmsh.model
 
     def _check_count(self, model: Any) -> None:
-        """Refuse more cells than gmsh makes in minutes, as of dimensions in another unit."""
+        """Refuse more cells than gmsh makes in minutes, as for dimensions in a wrong unit."""
         d = model.getDimension()
         measure = sum(model.occ.getMass(*entity) for entity in model.occ.getEntities(d))
         # equilateral triangles and regular tetrahedra
@@ -435,56 +437,56 @@ class DimensionDesign(Variables):
         check_count("the mesh", count, f"cells of {self._length:.4g} m", remedy)
 
     def _rates(self, x: Array, cells: Any, variables: Array, still: Any) -> Array:
-        """Motion of all nodes by each dimension, (nodes, dimension, k); on rank 0."""
+        """Rates of all nodes by each dimension, (nodes, dimension, k); on rank 0."""
         d, size = x.shape[1], float(np.max(np.ptp(x, axis=0)))
         outer = np.unique(outer_facets(cells[:, : d + 1]))
-        rates, known = np.zeros((len(x), d, self.size)), np.zeros(len(x), dtype=bool)
+        rates, is_known = np.zeros((len(x), d, self.size)), np.zeros(len(x), dtype=bool)
         with gmsh_model("dimensions need") as gmsh:
             self._check(variables, gmsh)
-            on = NodesOnGeometry(gmsh.model, x, np.union1d(outer, cells[:, d + 1 :]))
-            faces = on.on_faces(gmsh.model) if d == 3 else None
-        nodes = on.nodes
-        known[nodes] = True
-        if not np.all(known[outer]):
+            on_geometry = NodesOnGeometry(gmsh.model, x, np.union1d(outer, cells[:, d + 1 :]))
+            faces = on_geometry.on_faces(gmsh.model) if d == 3 else None
+        nodes = on_geometry.nodes
+        is_known[nodes] = True
+        if not np.all(is_known[outer]):
             raise ValueError("the nodes of the mesh do not lie on its geometry")
         for k in range(self.size):
-            (more, less), apart = self._beside(variables, k)
-            change = self._places(on, more) - self._places(on, less)
+            (above, below), difference = self._beside(variables, k)
+            change = self._places(on_geometry, above) - self._places(on_geometry, below)
             if np.max(np.abs(change), initial=0.0) > _JUMP * size:
                 raise ValueError(
                     f"curves or faces are exchanged by a small change of {self.names[k]!r}: build "
                     "them in the same order for all values"
                 )
-            rates[nodes, :, k] = change / apart
+            rates[nodes, :, k] = change / difference
         if np.any(rates[still]):
             raise ValueError(
                 "a marker is in a cell whose boundary moves; have it farther inside, or make it an "
                 "interface"
             )
-        known[still] = True
-        return extended(x, cells, rates, known, faces)
+        is_known[still] = True
+        return extended(x, cells, rates, is_known, faces)
 
-    def _places(self, on: NodesOnGeometry, variables: Array) -> Array:
-        """Where nodes on the geometry are at variables, shape (those nodes, dimension) [m]."""
+    def _places(self, on_geometry: NodesOnGeometry, variables: Array) -> Array:
+        """Positions of the nodes on the geometry at variables, (nodes there, dimension) [m]."""
         with gmsh_model() as gmsh:
             self._check(variables, gmsh)
-            return on.positions(gmsh.model)
+            return on_geometry.positions(gmsh.model)
 
     def _beside(self, variables: Array, k: int) -> tuple[list[Array], float]:
-        """Variables on both sides in dimension k, within the bounds, and how far apart they are."""
-        step, here = np.zeros(self.size), self._rounded(variables)
+        """Variables above and below in dimension k, within the bounds, and their difference."""
+        step, center = np.zeros(self.size), self._rounded(variables)
         step[k] = _STEP * float((np.asarray(self.upper) - self.lower)[k])
-        ends = [np.clip(here + s * step, self.lower, self.upper) for s in (1.0, -1.0)]
+        ends = [np.clip(center + s * step, self.lower, self.upper) for s in (1.0, -1.0)]
         return ends, float(ends[0][k] - ends[1][k])
 
     def _center_rates(self, variables: Array) -> dict[str, Array]:
-        """Motion (dimension, k) of the centers that the user's function gives, by interface."""
-        if not self._drawn or not (centers := self._given(variables).get("centers")):
+        """Rates (dimension, k) of the centers that the user's function gives, by interface."""
+        if not self._drawn or not (centers := self._outline_arguments(variables).get("centers")):
             return {}
         rates = {name: np.zeros((len(center), self.size)) for name, center in centers.items()}
         for k in range(self.size):
-            ends, apart = self._beside(variables, k)
-            one, other = (self._given(end)["centers"] for end in ends)
+            ends, difference = self._beside(variables, k)
+            above, below = (self._outline_arguments(end)["centers"] for end in ends)
             for name, rate in rates.items():
-                rate[:, k] = (np.asarray(one[name]) - np.asarray(other[name])) / apart
+                rate[:, k] = (np.asarray(above[name]) - np.asarray(below[name])) / difference
         return rates

@@ -21,8 +21,8 @@ than wanted. With E = exp(-c |R grad f|^2), which is one where f is flat, the pe
 
     g = sum_e V_e/V E { H min(0, f - eta_s)^2 + 0.2 (1 - H) max(0, f - eta_v)^2 }.
 
-The thresholds eta_s > 1/2 and eta_v < 1/2 belong to the thinnest member and the narrowest gap: for
-a strip of coefficients 1 as wide as f = 1/2 encloses the wanted width, f is eta_s in its middle.
+The thresholds eta_s > 1/2 and eta_v < 1/2 belong to the thinnest member and the narrowest gap: in
+the middle of a strip of coefficients 1, on which f > 1/2 over the minimum width, f is eta_s.
 
 References:
     C. S. Andreasen, M. O. Elingaard and N. Aage, Structural and Multidisciplinary Optimization 62
@@ -38,6 +38,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -59,39 +60,50 @@ from .parametrization import SHARP, Design, checked_web, finite_vector, steepnes
 from .rbf import Wendland, kernel_matrix, neighbours, strip_middle, strip_width
 from .rims import HoleRims
 
-#: Shortest radius of the kernel in mean elements: one of 2.75 costs 1 % of psi
-RADIUS = 2.25
-#: Of the kernel, in distances of knots
-REACH = 2.75
-#: f in the middle of the thinnest member or the narrowest gap, see `strip_width`
-FLAT = 0.6
-#: c of the penalty: wide enough to see the flanks of a strip, whose middle alone is flat
-DECAY = 0.93
-#: Of the penalty beside log psi: less than half as much lets struts thin out, four times as much
-#: costs 2 %
-WEIGHT = 100.0
-#: Factor by which it grows at last: a strut must become thick enough or vanish
-LATE = 2.0
-#: Least share that one minimum size may be of the other
-SIZES = 0.25
-#: Of a gap beside a member: less, as a gap too narrow costs less than a broken strut
-GAP = 0.2
-#: Progress at which the penalty sets in, after the topology is found, has its weight, and is grown
-PENALTY = (0.4, 0.5, 0.75)
-#: Size that the penalty aims at over the one that is asked for: it allows a fifth less
-SAFETY = 1.3
-#: Contrast with which moving asymptotes take up a start: where an element is void, the slope of
-#: SIMP is zero, and nothing would ever grow there
-CONTRAST = 0.25
-#: f on the boundary of the eroded design, whose psi is taken from this progress on in place of the
-#: nominal one, so that no member hangs by a bridge of elements
-ERODED = (0.54, 0.7)
-#: Points at which the field is evaluated at a time: a pair with each knot in reach is stored
-AT_ONCE = 200_000
-#: Distance from its boundary over which a start goes from 1/2 to 0 or 1 [mean elements]
-BAND = 3.0
-#: More than the round-off of f: where f is 1/2 but for that, as in an even gray, no boundary runs
-HALF = 1e-12
+
+@dataclass(frozen=True)
+class LevelSetOptions:
+    """Sizes of the kernel, and the penalty that asks for minimum sizes."""
+
+    #: Shortest radius of the kernel in mean elements; one of 2.75 costs 1 % of psi
+    shortest_radius: float = 2.25
+    #: Radius of the kernel in distances of knots
+    knots_in_radius: float = 2.75
+    #: f in the middle of the thinnest member or the narrowest gap, see `strip_width`
+    middle: float = 0.6
+    #: c of the penalty: it must see the flanks of a strip, as the middle alone is flat
+    decay: float = 0.93
+    #: Factor of the penalty beside log psi: with less than half of it struts thin out, four times
+    #: as much costs 2 % of psi
+    weight: float = 100.0
+    #: Factor of the weight at the end, where a strut must become thick enough or vanish
+    late: float = 2.0
+    #: Least share that one minimum size may be of the other
+    least_share: float = 0.25
+    #: Weight of gaps relative to members, as a gap too narrow costs less than a broken strut
+    gap: float = 0.2
+    #: Progress at which the penalty sets in, has its weight, and has its weight at the end; the
+    #: topology is found before
+    progress: tuple[float, float, float] = (0.4, 0.5, 0.75)
+    #: Size for which the penalty asks over the minimum size, as it allows a fifth less
+    safety: float = 1.3
+    #: Contrast with which moving asymptotes begin: the slope of SIMP is zero in void elements, in
+    #: which nothing would ever grow
+    contrast: float = 0.25
+    #: f on the boundary of the eroded design
+    eroded: float = 0.54
+    #: Progress from which on psi of the eroded design counts, so that no member hangs by a bridge
+    #: of elements
+    eroded_progress: float = 0.7
+    #: Distance from its boundary over which a start goes from 1/2 to 0 or 1 [mean elements]
+    start_width: float = 3.0
+    #: Number of points at which the field is evaluated at a time, which bounds the memory
+    batch: int = 200_000
+    #: Bound of the round-off of f: an even gray of 1/2 has no boundary
+    round_off: float = 1e-12
+
+
+OPTIONS = LevelSetOptions()
 
 
 class LevelSet(Design):
@@ -99,19 +111,20 @@ class LevelSet(Design):
 
     Args:
         domain: The body.
-        minimum_member: Width that no member may fall below [m]. By default the mesh's least,
-            0.64 mean elements, and at least a quarter of `minimum_gap`. On the elements a penalty
-            asks for it, or for the mesh's least if that is larger; in steps of the boundary it is a
-            bound. That of the finished part is `Part.thinnest_member`.
-        minimum_gap: Width that no gap or hole may fall below [m]; by default as `minimum_member`,
-            whatever the mesh, and without any of both the mesh's least.
+        minimum_member: Width that no member may fall below [m]. By default the smallest that the
+            elements resolve, 0.64 mean elements, and at least a quarter of `minimum_gap`. On the
+            elements a penalty asks for it, or for the smallest that they resolve if that is larger;
+            in steps of the boundary it is a bound. The thinnest member of the finished part is
+            `Part.thinnest_member`.
+        minimum_gap: Width that no gap or hole may fall below [m]; by default `minimum_member`, or
+            if neither is given the smallest that the elements resolve.
         hole_rim: Width of the rim that stays solid around each hole of the body's drawing, with a
             name or without [m]; by default `minimum_member`, 0 for none. With a `web` there is such
             a rim along the outline, too.
         web: Thickness of the web that stays where material is milled away, as a share of the
-            part's: pockets, from both sides to the same depth, take the place of holes. Then
-            `minimum_gap` is the least width of a pocket, and half of it the least radius of its
-            corners: those of the cutter. With 0, the default, holes are cut.
+            part's thickness: pockets, from both sides to the same depth, take the place of holes.
+            Then `minimum_gap` is the least width of a pocket, and half of it the least radius of
+            its corners, the radius of the cutter. With 0, the default, holes are cut.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
             any mesh; see `mirror_lines` and `mirror_planes`.
         knots: Shape (knots, dimension) [m], the same on every rank; by default a regular grid over
@@ -147,34 +160,35 @@ class LevelSet(Design):
         points_across = 4 if d == 2 else 3
         if quadrature is not None:
             points_across = validation.integer("level set: quadrature", quadrature, least=1)
-        #: Of the thinnest member and of the narrowest gap [m]
+        #: Width of the thinnest member and of the narrowest gap [m]
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
-        #: Whether one of them was given, and is not that of the mesh
+        #: Whether one of them was given, and does not follow from the mesh
         self.sizes_asked = minimum_member is not None or minimum_gap is not None
         width = self.minimum_member if hole_rim is None else hole_rim
         self.web = checked_web("level set", domain, web, width)
         self._rims = HoleRims(domain, width, outline=self.web > 0.0)
         #: Width of the solid rim around each hole of the body's drawing [m]
         self.hole_rim = self._rims.width
-        # smaller ones than the elements resolve are left to the steps of the boundary
-        member_, gap_ = np.maximum((self.minimum_member, self.minimum_gap), self._least)
-        larger = SAFETY * max(member_, gap_)
-        self.radius = larger / strip_width(FLAT, d)  #: Of the kernel [m]
+        # sizes that the elements do not resolve are left to the steps of the boundary
+        sizes = np.maximum((self.minimum_member, self.minimum_gap), self._least)
+        member, gap = OPTIONS.safety * sizes
+        self.radius = max(member, gap) / strip_width(OPTIONS.middle, d)  #: Of the kernel [m]
         #: Thresholds of f where it is flat: eta_s of members, eta_v of gaps
-        self._solid = strip_middle(SAFETY * member_ / self.radius, d)
-        self._void = 1.0 - strip_middle(SAFETY * gap_ / self.radius, d)
-        wanted = self.radius / REACH
+        self._solid = strip_middle(member / self.radius, d)
+        self._void = 1.0 - strip_middle(gap / self.radius, d)
+        knot_distance = self.radius / OPTIONS.knots_in_radius
         if spacing is not None:
-            wanted = validation.number("level set: spacing", spacing, above=0.0, unit="m")
+            knot_distance = validation.number("level set: spacing", spacing, above=0.0, unit="m")
         low, high = domain.bounding_box
         # halves are rounded up, whatever the order in which the ranks add up the area
-        counts = np.floor((high - low) / wanted + 0.5 + ROUND_OFF).astype(int) + 1
+        counts = np.floor((high - low) / knot_distance + 0.5 + ROUND_OFF).astype(int) + 1
         if counts.min() < 3:
             by = "spacing" if spacing is not None else "minimum_member or minimum_gap"
+            extents = " x ".join(f"{extent:.4g} m" for extent in high - low)
             raise ValueError(
-                f"level set: {by} is too large for the body of "
-                f"{' x '.join(f'{size:.4g} m' for size in high - low)}, as knots {wanted:.4g} m "
-                "apart leave fewer than 3 across it; take a smaller one, in metres"
+                f"level set: {by} is too large for the body of {extents}, as knots "
+                f"{knot_distance:.4g} m apart leave fewer than 3 across it; take a smaller one, in "
+                "metres"
             )
         count = math.prod(map(float, counts))
         with on_every_rank(domain.comm, "level set"):
@@ -198,41 +212,45 @@ class LevelSet(Design):
         #: Positions of the knots, shape (knots, dimension) [m]
         self.knots = grid if knots is None else _check_knots(knots, d)
         self.kernel = Wendland(self.radius)
-        apart = float(np.prod(high - low) / len(self.knots)) ** (1.0 / d)
-        sizes = domain.n_cells_global * float(points_across) ** d, len(self.knots)
+        mean_distance = float(np.prod(high - low) / len(self.knots)) ** (1.0 / d)
+        counts_of_pairs = domain.n_cells_global * float(points_across) ** d, len(self.knots)
         remedy = "take fewer knots, a larger spacing [m] or a smaller quadrature"
         ranks = domain.comm.size  # share the points
-        check_neighbours(domain, "level set", sizes, self.radius / apart, remedy, ranks)
+        check_neighbours(
+            domain, "level set", counts_of_pairs, self.radius / mean_distance, remedy, ranks
+        )
         self._tree = cKDTree(self.knots)
         points, self._weights = domain.quadrature_points(points_across)
         self._in_rims = self._rims.contain(points)
         points = points.reshape(-1, d)
         self._check_cover(points)
         if knots is None:  # knots of the grid that no element sees are no variables
-            seen = np.unique(kernel_matrix(self.kernel, points, self._tree).indices)
-            everywhere = np.zeros(len(grid), dtype=bool)
-            everywhere[np.concatenate(domain.comm.allgather(seen))] = True
-            self.knots = grid[everywhere]
+            reached = np.unique(kernel_matrix(self.kernel, points, self._tree).indices)
+            is_reached = np.zeros(len(grid), dtype=bool)
+            is_reached[np.concatenate(domain.comm.allgather(reached))] = True
+            self.knots = grid[is_reached]
             self._tree = cKDTree(self.knots)
         self.size = len(self.knots)
         self._matrix = self._means(points)
         self._origin = self  #: Copies of other attributes have the same knots
         self.sharpness = SHARP  #: Steepness beta of the projection
         self.threshold = 0.5  #: f at which it steps from void to solid
-        self.weight = WEIGHT * LATE  #: Of the penalty of sizes below the minimum ones
+        self.weight = (
+            OPTIONS.weight * OPTIONS.late
+        )  #: Of the penalty of sizes below the minimum ones
 
     def _sizes(self, member: float | None, gap: float | None) -> tuple[float, float]:
-        """Both minimum sizes, or refuse those that one kernel cannot hold."""
-        asked = {"minimum_member": member, "minimum_gap": gap}
-        given_sizes = {name: value for name, value in asked.items() if value is not None}
+        """Both minimum sizes; a ValueError for sizes that one kernel cannot resolve."""
+        arguments = {"minimum_member": member, "minimum_gap": gap}
+        given_sizes = {name: value for name, value in arguments.items() if value is not None}
         for name, value in given_sizes.items():
             validation.number(f"level set: {name}", value, above=0.0, unit="m")
-        # one kernel holds both sizes: one that is not asked for follows the other
-        smallest = max(self._least, SIZES * given_sizes.get("minimum_gap", 0.0))
+        # one kernel resolves both sizes: a size that is not given follows the other one
+        smallest = max(self._least, OPTIONS.least_share * given_sizes.get("minimum_gap", 0.0))
         least_member = given_sizes.get("minimum_member", smallest)
         follows = given_sizes.get("minimum_member", self._least)
         sizes = least_member, given_sizes.get("minimum_gap", follows)
-        if min(sizes) < SIZES * max(*sizes, self._least):
+        if min(sizes) < OPTIONS.least_share * max(*sizes, self._least):
             raise ValueError(
                 f"level set: minimum_member and minimum_gap, {sizes[0]:.4g} m and {sizes[1]:.4g} m,"
                 f" may differ from each other, and from the {self._least:.4g} m that the elements "
@@ -244,7 +262,12 @@ class LevelSet(Design):
     @property
     def _least(self) -> float:
         """The smallest size that the elements resolve [m]."""
-        return RADIUS * self.element * strip_width(FLAT, self.domain.dimension) / SAFETY
+        return (
+            OPTIONS.shortest_radius
+            * self.element
+            * strip_width(OPTIONS.middle, self.domain.dimension)
+            / OPTIONS.safety
+        )
 
     # ------------------------------------------------------------------ field
 
@@ -297,22 +320,22 @@ class LevelSet(Design):
     def _field(self, u: Array) -> Callable[[ArrayLike], Array]:
         """F - 1/2 by coefficients, without the rims."""
 
-        def at(points: ArrayLike) -> Array:
+        def value_at(points: ArrayLike) -> Array:
             x = np.asarray(points, dtype=np.float64).reshape(-1, self.domain.dimension)
             values = []
-            for some in np.array_split(x, len(x) // AT_ONCE + 1):
-                total = sum(self._mean(image(some), u) for image in self._images)
+            for chunk in np.array_split(x, len(x) // OPTIONS.batch + 1):
+                total = sum(self._mean(image(chunk), u) for image in self._images)
                 values.append(np.asarray(total / len(self._images)) - 0.5)
             return np.concatenate(values)
 
-        return at
+        return value_at
 
     def _mean(self, points: Array, u: Array) -> Array:
-        """F at points, of one image: `_means` without its matrices, which a part asks for often."""
-        near = neighbours(points, self._tree, self.kernel.support)
-        weights = self.kernel(near["v"])
-        sums = np.bincount(near["i"], weights, len(points))
-        values = np.bincount(near["i"], weights * u[near["j"]], len(points))
+        """F at points of one mirror image, without the matrix of `_means`."""
+        pairs = neighbours(points, self._tree, self.kernel.support)
+        weights = self.kernel(pairs["v"])
+        sums = np.bincount(pairs["i"], weights, len(points))
+        values = np.bincount(pairs["i"], weights * u[pairs["j"]], len(points))
         return np.asarray(values / np.where(sums > 0.0, sums, 1.0))
 
     # ------------------------------------------------------------------ density
@@ -334,24 +357,24 @@ class LevelSet(Design):
         Optimised for its psi, no member is as thin as the mesh bridges (robust design; F. Wang,
         B. S. Lazarov and O. Sigmund, doi:10.1007/s00158-010-0602-y).
         """
-        return self._with(threshold=ERODED[0])
+        return self._with(threshold=OPTIONS.eroded)
 
     def _with(self, **changed: float) -> LevelSet:
-        """The same level set with other attributes; itself where they are the same."""
+        """The same level set with other attributes, or itself if they do not differ."""
         if all(getattr(self, name) == value for name, value in changed.items()):
             return self
-        other = copy(self)
-        vars(other).update(changed)
-        return other
+        changed_copy = copy(self)
+        vars(changed_copy).update(changed)
+        return changed_copy
 
     def at(self, progress: float) -> LevelSet:
-        """The design as sharp as at a ``progress``, with its penalty, near the end `eroded`."""
-        other = self.with_sharpness(steepness(progress))
-        begin, full, end = PENALTY
-        late = LATE ** min(max((progress - full) / (end - full), 0.0), 1.0)
+        """The design at a ``progress``: its sharpness and penalty, near the end `eroded`."""
+        design = self.with_sharpness(steepness(progress))
+        begin, full, end = OPTIONS.progress
+        late = OPTIONS.late ** min(max((progress - full) / (end - full), 0.0), 1.0)
         ramp = min(max((progress - begin) / (full - begin), 0.0), 1.0)
-        other = other._with(weight=WEIGHT * ramp * late)
-        return other.eroded if progress >= ERODED[1] else other
+        design = design._with(weight=OPTIONS.weight * ramp * late)
+        return design.eroded if progress >= OPTIONS.eroded_progress else design
 
     def with_sharpness(self, sharpness: float) -> LevelSet:
         """The same level set with another steepness ``sharpness`` of its projection."""
@@ -408,16 +431,16 @@ class LevelSet(Design):
         f, *gradient = (np.asarray(matrix @ u) for matrix in (mean, *slopes))
         share = self.domain.cell_volumes / self.domain.area * self._origin._sized_cells
         project = HeavisideProjection(max(self.sharpness, 8.0))
-        decay = DECAY * self.radius**2
+        decay = OPTIONS.decay * self.radius**2
         flat = share * np.exp(-decay * sum(slope * slope for slope in gradient))
         material = project(f)
         thin = np.minimum(0.0, f - self._solid)
         narrow = np.maximum(0.0, f - self._void)
-        wanting = material * thin**2 + GAP * (1.0 - material) * narrow**2
-        value = weight * self.domain.sum(flat * wanting)
-        f_bar = weight * flat * 2.0 * (material * thin + GAP * (1.0 - material) * narrow)
-        f_bar += project.pullback(f, weight * flat * (thin**2 - GAP * narrow**2))
-        slope_bar = -2.0 * decay * weight * flat * wanting
+        violation = material * thin**2 + OPTIONS.gap * (1.0 - material) * narrow**2
+        value = weight * self.domain.sum(flat * violation)
+        f_bar = weight * flat * 2.0 * (material * thin + OPTIONS.gap * (1.0 - material) * narrow)
+        f_bar += project.pullback(f, weight * flat * (thin**2 - OPTIONS.gap * narrow**2))
+        slope_bar = -2.0 * decay * weight * flat * violation
         local = mean.T @ f_bar
         for matrix, slope in zip(slopes, gradient, strict=True):
             local = local + matrix.T @ (slope_bar * slope)
@@ -434,7 +457,7 @@ class LevelSet(Design):
         """
         distances = distance(self.knots) if callable(distance) else distance
         d = finite_vector(distances, self.size, "level set", "distances, one a knot")
-        return 0.5 + 0.5 * np.clip(d / (BAND * self.element), -1.0, 1.0)
+        return 0.5 + 0.5 * np.clip(d / (OPTIONS.start_width * self.element), -1.0, 1.0)
 
     def with_holes(
         self, columns: int, rows: int, radius: float, *, margin: float | None = None
@@ -474,13 +497,13 @@ class LevelSet(Design):
 
     def begin(self, start: ArrayLike) -> Array:
         """A ``start`` with a quarter of its contrast, so that there are derivatives everywhere."""
-        return 0.5 + CONTRAST * (self.check(start) - 0.5)
+        return 0.5 + OPTIONS.contrast * (self.check(start) - 0.5)
 
     # ------------------------------------------------------------------ boundary
 
     @cached_property
     def _drawn(self) -> tuple[list[Array], csr_matrix]:
-        """The lines of a grid of half elements over the body, and the matrix to f on the grid."""
+        """The lines of a grid of half elements over the body, and the matrix to f on this grid."""
         sizes = np.ptp(self.domain.bounding_box, axis=0)
         lines = _lines(self.domain, np.ceil(sizes / (0.5 * self.element)).astype(int) + 1)
         return lines, self._means(_grid(lines))
@@ -506,17 +529,17 @@ class LevelSet(Design):
                 f"level set: points in an array of shape {x.shape} must be finite coordinates of "
                 f"shape (n, {d})"
             )
-        sign = np.where(self._field(u)(x) >= -HALF, 1.0, -1.0)
+        sign = np.where(self._field(u)(x) >= -OPTIONS.round_off, 1.0, -1.0)
         grid, matrix = self._drawn
         values = np.asarray(matrix @ u).reshape([len(line) for line in grid])
-        return sign * _distance_from_contour(x, grid, values, 0.5 - HALF)
+        return sign * _distance_from_contour(x, grid, values, 0.5 - OPTIONS.round_off)
 
     def identity(self) -> dict[str, Any]:
         return {
             "knots": self.knots,
             "radius": self.radius,
             "sizes": [self.minimum_member, self.minimum_gap, self.hole_rim, self.web],
-            # numbers, some of which are zero but for their last bits
+            # as one array, since some numbers are zero but for round-off
             "mirrors": np.array([[*m.point, *m.normal] for m in self.mirrors]),
             "cells": self.domain.n_cells_global,
         }

@@ -31,7 +31,7 @@ from .rbf import Wendland, kernel_matrix
 
 
 class VelocityExtension:
-    """Carries derivatives from the neighbourhood of the boundary to the knots around.
+    """Extends derivatives from the boundary to the knots in its neighbourhood.
 
     A derivative with respect to phi at the knots of ``levelset`` is smoothed by a positive definite
     kernel, so that the negative result is a descent direction. Its ``radius`` [m] is by default
@@ -57,8 +57,8 @@ class Evolution:
     Args:
         levelset: The level set.
         volume: Upper bound of the filled share of the body's area, in (0, 1].
-        band: Phi is kept within this many spacings of its zero line, so that a hole or a strut of
-            that size can vanish within that many steps.
+        band: Number of spacings that bounds phi, so that a hole or a strut of that size can vanish
+            within that many steps.
     """
 
     def __init__(self, levelset: LevelSet, volume: float, *, band: float = 3.0) -> None:
@@ -76,10 +76,10 @@ class Evolution:
 
     def with_sharpness(self, sharpness: float, *, eroded: bool = False) -> Evolution:
         """The same steps with another ``sharpness``, and with psi of the ``eroded`` level set."""
-        other = copy(self)
-        other.levelset = self.levelset.with_sharpness(sharpness)
-        other.analysed = other.levelset.eroded if eroded else other.levelset
-        return other
+        evolution = copy(self)
+        evolution.levelset = self.levelset.with_sharpness(sharpness)
+        evolution.analysed = evolution.levelset.eroded if eroded else evolution.levelset
+        return evolution
 
     def variables(self, phi: Array) -> Array:
         """The coefficients of a level set with ``phi`` (knots,) [m] at the knots."""
@@ -119,11 +119,11 @@ class Evolution:
         variables = self.variables(phi)
         psi_bar = self.extension(self.analysed.pullback(variables, gradient))
         volume_bar = self.extension(self.levelset.pullback(variables, self._cell_share))
-        near = np.abs(volume_bar) > 1e-3 * np.max(np.abs(volume_bar), initial=0.0)
-        if not np.any(near):
+        is_near = np.abs(volume_bar) > 1e-3 * np.max(np.abs(volume_bar), initial=0.0)
+        if not np.any(is_near):
             return phi.copy(), 0.0
-        velocity = -psi_bar / _typical(psi_bar[near])
-        removal = volume_bar / _typical(volume_bar[near])
+        velocity = -psi_bar / _typical(psi_bar[is_near])
+        removal = volume_bar / _typical(volume_bar[is_near])
         move = size * self.levelset.spacing
 
         def moved(multiplier: float) -> Array:
@@ -132,7 +132,7 @@ class Evolution:
         return self._bounded(moved)
 
     def _bounded(self, family: Callable[[float], Array]) -> tuple[Array, float]:
-        """The first member of a family of shrinking designs that keeps the volume bound."""
+        """The first member of a family of shrinking designs that satisfies the volume bound."""
         multiplier = volume_multiplier(
             lambda m: filled_share(self.levelset, self.variables(family(m))), self.bound
         )

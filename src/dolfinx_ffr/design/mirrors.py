@@ -16,15 +16,15 @@ from .. import validation
 from ..arrays import Integers
 from ..fem import Array, Domain, _compat
 
-#: Images of a point at most: more are needed only by lines whose angles have no common measure
-MOST = 96
-#: Distance of a point in a cell from the nearest centroid at most, in edges of a cube as large
+#: Largest number of images of a point; lines need more if their angles have no common measure
+MOST_IMAGES = 96
+#: Largest distance of a point in a cell from the nearest centroid, in edges of a cube as large
 NEAR = 0.75
-#: Distance of the outline of a body from its image at most, in edges of a mean cell as a square
+#: Largest distance of the outline of a body from its image, in edges of a mean cell as a square
 OUTLINE = 0.25
-#: Angle of principal axes with the axes of the coordinates that counts as none [degrees]
+#: Angle below which principal axes are those of the coordinates, but for the mesh [degrees]
 ANGLE = 0.05
-#: Distance up to which cells count in a mean of the gradient, in edges of a mean cell
+#: Radius of the means in which gradients are compared, in edges of a mean cell
 MEAN = 2.5
 #: Share of a body that may be without an image, and by which a gradient may differ from its image
 SHARE = 0.02
@@ -51,7 +51,7 @@ class Mirror:
 
     @property
     def reflection(self) -> Isometry:
-        """To the other side of the line or plane."""
+        """The map of points to the other side of the line or plane."""
         point, n = np.array([self.point, self.normal], dtype=np.float64)
         n /= np.linalg.norm(n)
         turn = np.eye(len(n)) - 2.0 * np.outer(n, n)
@@ -60,7 +60,7 @@ class Mirror:
 
 @dataclass(frozen=True, eq=False)
 class Isometry:
-    """X -> turn X + shift, which leaves all distances."""
+    """The map X -> turn X + shift, which preserves all distances."""
 
     turn: Array  #: Orthogonal, shape (d, d)
     shift: Array  #: (d,) [m]
@@ -70,7 +70,7 @@ class Isometry:
         return np.asarray(points @ self.turn.T + self.shift)
 
     def after(self, other: Isometry) -> Isometry:
-        """First the other one, then this one."""
+        """The map that applies the ``other`` one first, then this one."""
         return Isometry(self.turn @ other.turn, self.turn @ other.shift + self.shift)
 
 
@@ -82,15 +82,15 @@ def images(mirrors: Sequence[Mirror], dimension: int = 2) -> list[Isometry]:
     for isometry in isometries:  # which grows meanwhile
         for candidate in (r.after(isometry) for r in reflections):
             if not any(
-                np.allclose(candidate.turn, other.turn, rtol=0.0, atol=1e-9)
-                and np.allclose(candidate.shift, other.shift, rtol=0.0, atol=1e-9 * scale)
-                for other in isometries
+                np.allclose(candidate.turn, image.turn, rtol=0.0, atol=1e-9)
+                and np.allclose(candidate.shift, image.shift, rtol=0.0, atol=1e-9 * scale)
+                for image in isometries
             ):
                 isometries.append(candidate)
-            if len(isometries) > MOST:
+            if len(isometries) > MOST_IMAGES:
                 raise ValueError(
-                    f"mirrors: {list(mirrors)} have more than {MOST} images of a point: the lines "
-                    "must meet in one point at angles that divide the circle; take fewer"
+                    f"mirrors: {list(mirrors)} have more than {MOST_IMAGES} images of a point: the "
+                    "lines must meet in one point at angles that divide the circle; take fewer"
                 )
     return isometries
 
@@ -98,13 +98,13 @@ def images(mirrors: Sequence[Mirror], dimension: int = 2) -> list[Isometry]:
 class Symmetry:
     """Whether a body is its own image in mirrors.
 
-    Outlines tell it in the plane, whatever the mesh between them, and the cells in space.
+    In the plane outlines are compared, whatever the mesh between them, in space cells.
     """
 
     def __init__(self, domain: Domain) -> None:
         self._domain = domain
-        parts = domain.centroids, domain.cell_volumes, domain.design_cells
-        self._centroids, self._volumes, self._designed = map(domain.everywhere, parts)
+        arrays = domain.centroids, domain.cell_volumes, domain.design_cells
+        self._centroids, self._volumes, self._designed = map(domain.everywhere, arrays)
         self._tree = cKDTree(self._centroids)
         if domain.dimension == 2:
             cells = shapely.polygons(domain.everywhere(_corners(domain)))
@@ -112,32 +112,32 @@ class Symmetry:
             self._of_design = shapely.union_all(cells[self._designed])
 
     def nearest(self, mirror: Mirror) -> tuple[Integers, Array]:
-        """The cell nearest to the image of each, (cells of all ranks,), and how far it is [m]."""
+        """The nearest cell to the image of each cell of all ranks, (cells,), and its distance."""
         distance, nearest = self._tree.query(mirror.reflection(self._centroids))
         return np.asarray(nearest), np.asarray(distance)
 
     def reason(self, mirror: Mirror) -> str:
-        """Why the body is not its own image, "" if it is."""
+        """The reason why the body is not its own image, "" if it is."""
         return self._by_outline(mirror) if self._domain.dimension == 2 else self._by_cells(mirror)
 
     def difference(self, mirror: Mirror, gradient: Array) -> float:
         """Share by which a gradient (cells of this rank,) per area differs from its image.
 
-        It is that of means over some cells, as those of the mesh have no images.
+        Means over some cells are compared, as single cells have no images.
         """
         density = self._domain.everywhere(gradient) * self._designed
         means = self._means(self._centroids, density)
         change = means - self._means(mirror.reflection(self._centroids), density)
-        whole = np.sqrt(self._volumes @ means**2)
-        return float(np.sqrt(self._volumes @ change**2) / max(whole, 1e-300))
+        norm = np.sqrt(self._volumes @ means**2)
+        return float(np.sqrt(self._volumes @ change**2) / max(norm, 1e-300))
 
     def _means(self, points: Array, sums: Array) -> Array:
         """Means per area around points (n, dimension) of the sums over each cell, (n,)."""
         radius = MEAN * self._domain.cell_size
-        near = cKDTree(points).sparse_distance_matrix(self._tree, radius, output_type="coo_matrix")
-        weight = (1.0 - near.data / radius) ** 2
+        pairs = cKDTree(points).sparse_distance_matrix(self._tree, radius, output_type="coo_matrix")
+        weight = (1.0 - pairs.data / radius) ** 2
         total, area = (
-            np.bincount(near.row, weight * values[near.col], len(points))
+            np.bincount(pairs.row, weight * values[pairs.col], len(points))
             for values in (sums, self._volumes)
         )
         return np.asarray(total / np.maximum(area, 1e-300))
@@ -145,33 +145,34 @@ class Symmetry:
     def _by_outline(self, mirror: Mirror) -> str:
         size, area = self._domain.cell_size, self._body.area
         image = shapely.transform(self._body, mirror.reflection)
-        off = self._body.symmetric_difference(image)
+        mismatch = self._body.symmetric_difference(image)
         # chords of the same curve differ by less
-        if not off.buffer(-0.5 * OUTLINE * size).is_empty:
-            points, both = (
-                shapely.points(shapely.get_coordinates(off)),
-                self._body.intersection(image),
-            )
-            far = float(np.max(shapely.distance(points, both)))
-            return (
-                f"{_percent(0.5 * off.area / area)} of it have no image, as far as {far:.3g} m off"
-            )
+        if not mismatch.buffer(-0.5 * OUTLINE * size).is_empty:
+            points = shapely.points(shapely.get_coordinates(mismatch))
+            common = self._body.intersection(image)
+            distance = float(np.max(shapely.distance(points, common)))
+            share = _percent(0.5 * mismatch.area / area)
+            return f"{share} of it have no image, as far as {distance:.3g} m off"
         # edges of regions follow cells, up to half a cell
         image = shapely.transform(self._of_design, mirror.reflection)
-        other = 0.5 * self._of_design.symmetric_difference(image).area / area
-        return f"{_percent(other)} of it are designed and their image is not" * (other > SHARE)
+        undesigned = 0.5 * self._of_design.symmetric_difference(image).area / area
+        return f"{_percent(undesigned)} of it are designed and their image is not" * (
+            undesigned > SHARE
+        )
 
     def _by_cells(self, mirror: Mirror) -> str:
         volumes = self._volumes
         nearest, distance = self.nearest(mirror)
         size = np.maximum(volumes, volumes[nearest]) ** (1.0 / 3.0)
         # where tetrahedra are graded, the image of a few may be farther from all centroids
-        off = float(volumes @ (distance > NEAR * size) / volumes.sum())
-        if off > SHARE or np.any(distance > 2.0 * NEAR * size):
-            far = float(np.max(distance))
-            return f"{_percent(off)} of it have no image, as far as {far:.3g} m off"
-        other = float(volumes @ (self._designed != self._designed[nearest]) / volumes.sum())
-        return f"{_percent(other)} of it are designed and their image is not" * (other > SHARE)
+        without_image = float(volumes @ (distance > NEAR * size) / volumes.sum())
+        if without_image > SHARE or np.any(distance > 2.0 * NEAR * size):
+            largest = float(np.max(distance))
+            return f"{_percent(without_image)} of it have no image, as far as {largest:.3g} m off"
+        undesigned = float(volumes @ (self._designed != self._designed[nearest]) / volumes.sum())
+        return f"{_percent(undesigned)} of it are designed and their image is not" * (
+            undesigned > SHARE
+        )
 
 
 def _percent(share: float) -> str:
@@ -230,8 +231,8 @@ def mirror_planes(domain: Domain, gradient: Array | None = None) -> list[Mirror]
     center, spread, axes = _principal_axes("mirror planes", domain, 3)
     normals = list(np.eye(3))
     for i, axis in enumerate(axes.T):
-        alone = np.min(np.abs(np.delete(spread, i) - spread[i])) > 1e-3 * spread[i]
-        if alone and all(abs(axis @ normal) < 1.0 - 1e-6 for normal in normals):
+        is_unique = np.min(np.abs(np.delete(spread, i) - spread[i])) > 1e-3 * spread[i]
+        if is_unique and all(abs(axis @ normal) < 1.0 - 1e-6 for normal in normals):
             normals.append(axis)
     moments = np.diag((axes * spread) @ axes.T)
     for i, j in ((0, 1), (1, 2), (2, 0)):
@@ -244,8 +245,8 @@ def _principal_axes(what: str, domain: Domain, dimension: int) -> tuple[Array, A
     """The centroid of a body, its second moments along its principal axes, and these."""
     validation.instance(f"{what}: domain", domain, Domain, "a Domain")
     if domain.dimension != dimension:
-        other = "mirror_lines" if dimension == 3 else "mirror_planes"
-        raise ValueError(f"{what}: the body has {domain.dimension} dimensions; take {other}")
+        function = "mirror_lines" if dimension == 3 else "mirror_planes"
+        raise ValueError(f"{what}: the body has {domain.dimension} dimensions; take {function}")
     centroids, volumes = map(domain.everywhere, (domain.centroids, domain.cell_volumes))
     center = volumes @ centroids / volumes.sum()
     offset = centroids - center
@@ -260,7 +261,7 @@ def _confirmed(
     normals: Iterable[Iterable[float]],
     gradient: Array | None,
 ) -> list[Mirror]:
-    """The mirrors through a center that the body has, and the gradient if there is one."""
+    """The mirrors through a center for which body and gradient, if given, are their own images."""
     symmetry, mirrors, reasons = Symmetry(domain), list[Mirror](), list[str]()
     if gradient is not None:
         gradient = validation.real_array(f"{what}: gradient", gradient, (domain.n_cells,))

@@ -20,23 +20,24 @@ from .density_filter import DensityFilter, HeavisideProjection
 from .rbf import Wendland, neighbours
 from .rims import HoleRims
 
-#: Steepness of the projection of a finished design: a step within a fifth of an element with the
+#: Steepness of the projection of a sharp design: a step within a fifth of an element with the
 #: shortest kernel, and in proportion to its radius
 SHARP = 32.0
-#: Progress between which the projection becomes steeper, by the same factor each iteration: time
-#: before it to find the topology, and after it to find the best sharp boundary
+#: Progress from which on a design is sharp; the best sharp boundary is found after it
 SHARP_PROGRESS = 0.55
+#: Progress between which the projection becomes steeper, by the same factor each iteration; the
+#: topology is found before it
 SHARPENING = (0.05, SHARP_PROGRESS)
-#: Minimum member and gap of densities, in mean elements: those of a level set by default
+#: Minimum member and gap of densities, in mean elements, as of a level set by default
 LEAST = 0.64
-#: Points in each direction of a cell by which its share in a rim is found
+#: Number of points in each direction of a cell by which its share in a rim is found
 _POINTS = 4
-#: Reach of a cell's density, in units of the edge of a square or cube as large
+#: Radius of the mean of densities, in edges of a square or cube as large as the cell
 _REACH = 1.5
 
 
 def density_field(domain: Domain, x: ArrayLike) -> Callable[[ArrayLike], Array]:
-    """A smooth field that is zero where the densities of cells cross one half.
+    """A smooth field whose zero line is where the densities of cells cross one half.
 
         phi(X) = sum_e w_e(X) x_e / sum_e w_e(X) - 1/2,    w_e(X) = g(|X - X_e| / r_e),
 
@@ -44,23 +45,26 @@ def density_field(domain: Domain, x: ArrayLike) -> Callable[[ArrayLike], Array]:
     size of the cell: an edge between solid and void cells stays where it is, and members of one row
     of cells stay members.
 
-    From densities ``x`` (cells,) in [0, 1] of the cells of a ``domain`` owned by this rank to a
-    function of positions (n, dimension) [m], on every rank, that gives (n,) numbers. ValueError if
-    the density is not usable.
+    Args:
+        domain: The body.
+        x: Densities in [0, 1] of the cells of this rank, shape (cells,).
+
+    Returns:
+        A function of positions (n, dimension) [m] that gives (n,) numbers, the same on every rank.
     """
-    parts = domain.check_density(x), domain.centroids, domain.cell_volumes
-    values, centers, volumes = map(domain.everywhere, parts)
+    arrays = domain.check_density(x), domain.centroids, domain.cell_volumes
+    values, centers, volumes = map(domain.everywhere, arrays)
     radii = _REACH * volumes ** (1.0 / domain.dimension)
     tree, reach, wendland = cKDTree(centers), float(radii.max()), Wendland(1.0)
 
     def field(positions: ArrayLike) -> Array:
         points = np.asarray(positions, dtype=np.float64)
-        near = neighbours(points, tree, reach)
-        weight = wendland(near["v"] / radii[near["j"]])  # zero beyond the radius of the cell
-        places = near["i"], near["j"]
+        pairs = neighbours(points, tree, reach)
+        weight = wendland(pairs["v"] / radii[pairs["j"]])  # zero beyond the radius of the cell
+        places = pairs["i"], pairs["j"]
         matrix = csr_matrix((weight, places), shape=(len(points), len(centers)))
         total = np.asarray(matrix.sum(axis=1)).ravel()
-        bare = ~(total > 0.0)  # no centroid is near: the cell is much longer than wide
+        bare = ~(total > 0.0)  # without a centroid nearby, as the cell is much longer than wide
         means = np.asarray(matrix @ values) / np.where(bare, 1.0, total)
         means[bare] = values[tree.query(points[bare])[1]]
         return means - 0.5
@@ -76,7 +80,7 @@ def steepness(progress: float) -> float:
 
 
 class Variables(ABC):
-    """Bounded variables, alike on every rank, of a body or of numbers; they never change."""
+    """Bounded variables, alike on every rank, that describe a body or parameters."""
 
     lower: float = 0.0  #: Smallest value of a variable
     upper: float = 1.0  #: Largest value of a variable
@@ -101,15 +105,15 @@ class Variables(ABC):
         return variables
 
     def pullback(self, variables: Array, x_bar: Array) -> Array:
-        """The derivative by the ``variables``, shape (size,), given ``x_bar``, that by `point`."""
+        """Pull the derivative ``x_bar`` by `point` back to the ``variables``, shape (size,)."""
         return validation.real_array("design: the derivative", x_bar, (self.size,))
 
     def penalty(self, variables: Array) -> tuple[float, Array]:
-        """A term beside log psi at ``variables``, and its derivative, shape (size,)."""
+        """A term that is added to log psi at ``variables``, and its derivative, shape (size,)."""
         return 0.0, np.zeros(self.size)
 
     def begin(self, start: ArrayLike) -> Array:
-        """The variables from which moving asymptotes take up a ``start``, shape (size,)."""
+        """The variables with which moving asymptotes begin at a ``start``, shape (size,)."""
         return self.check(start)
 
     def check(self, start: ArrayLike) -> Array:
@@ -122,26 +126,26 @@ class Design(Variables):
     """From bounded variables to the density of one body, and back."""
 
     domain: Domain  #: Of the body
-    #: Steepness of the step from void to solid; 1 is open, 32 is sharp. One without it is sharp.
+    #: Steepness of the step from void to solid: 1 is gray, 32 is sharp, as designs without a step
     sharpness: float = SHARP
     #: Width of the rim around each hole of the body's drawing that the design keeps solid [m]
     hole_rim: float = 0.0
-    #: Thickness of the web that stays where material is milled away, as a share of the part's; zero
-    #: where holes are cut
+    #: Thickness of the web that stays where material is milled away, as a share of the part's
+    #: thickness; zero where holes are cut
     web: float = 0.0
     #: Whether a density is the share of its element that the boundary encloses
     fills: ClassVar[bool] = False
 
     @property
     def nominal(self) -> Design:
-        """The nominal design, where psi is that of an eroded one, see `LevelSet`."""
+        """The nominal design, which differs where psi is that of an eroded one, see `LevelSet`."""
         return self
 
     def point(self, variables: Array) -> Array:
         return self.density(variables)
 
     def with_web(self, x: Array) -> Array:
-        """Thickness as a share of the part's, of cells (cells,) of which a share x stays."""
+        """Thickness of cells (cells,) of which a share x stays, as a share of the part's."""
         return np.where(self.domain.void_cells, x, self.web + (1.0 - self.web) * x)
 
     @abstractmethod
@@ -150,17 +154,17 @@ class Design(Variables):
 
     @abstractmethod
     def pullback(self, variables: Array, x_bar: Array) -> Array:
-        """The derivative by the ``variables``, shape (size,), given that by the density.
+        """The derivative by the ``variables``, (size,), from the derivative ``x_bar`` by density.
 
-        The transpose of the derivative of `density`, for ``x_bar`` of this rank's cells (cells,);
-        bit-identical on every rank.
+        It is the transpose of the derivative of `density`, for ``x_bar`` of this rank's cells
+        (cells,); bit-identical on every rank.
         """
 
     def level(self, variables: Array) -> Callable[[ArrayLike], Array]:
         """The field whose zero line bounds the material at ``variables``.
 
-        A function of positions (n, dimension) [m] on any rank alone, positive in the material; by
-        default a smooth mean of the densities less one half (`density_field`).
+        It is a function of positions (n, dimension) [m] that each rank may call alone, positive in
+        the material; by default a smooth mean of the densities less one half (`density_field`).
         """
         return density_field(self.domain, self.density(variables))
 
@@ -172,14 +176,14 @@ class Design(Variables):
 class DensityDesign(Design):
     """One variable in [0, 1] for each designed element, filtered and projected (SIMP).
 
-    Elements that are not designed stay solid or void, and enter the means of their neighbours so.
+    Elements that are not designed are solid or void, also in the means of their neighbours.
     Variables have the order of `Domain.everywhere`.
 
     Args:
         domain: The body.
         radius: Of the filter [m]; by default two and a half mean elements. With shorter ones
-            struts may hang together by corners of elements, which looks stiffer than it is. Zero
-            filters nothing.
+            struts may be connected by corners of elements, which are too stiff. Zero filters
+            nothing.
         eta: Threshold of the projection, in (0, 1).
         hole_rim: Width of the rim that stays solid around each hole of the body's drawing, with a
             name or without [m]; by default 0.64 mean elements, the minimum member of densities, 0
@@ -220,9 +224,9 @@ class DensityDesign(Design):
         return self.projection.beta
 
     def at(self, progress: float) -> DensityDesign:
-        other = copy(self)
-        other.projection = HeavisideProjection(steepness(progress), self.projection.eta)
-        return other
+        design = copy(self)
+        design.projection = HeavisideProjection(steepness(progress), self.projection.eta)
+        return design
 
     def density(self, variables: Array) -> Array:
         x = self._without_rims(variables)
@@ -249,8 +253,8 @@ class DensityDesign(Design):
 
     def _means(self, variables: Array) -> Array:
         values = self._passive.copy()
-        what = "density design: variables"
-        values[self._designed] = validation.real_array(what, variables, (self.size,))
+        label = "density design: variables"
+        values[self._designed] = validation.real_array(label, variables, (self.size,))
         return self.filter(values)
 
 
@@ -304,9 +308,9 @@ def check_volume(domain: Domain, volume: float, web: float = 0.0) -> None:
     least = np.where(domain.design_cells, web, domain.passive_density)
     solid = domain.sum(domain.cell_volumes * least) / domain.area
     if volume <= solid * (1.0 + 1e-9):
-        what = "the web and the solid regions" if web else "the solid regions alone"
+        fixed = "the web and the solid regions" if web else "the solid regions alone"
         raise ValueError(
-            f"design: volume = {volume:.4g} leaves nothing to design: {what} fill {solid:.4g} of "
+            f"design: volume = {volume:.4g} leaves nothing to design: {fixed} fill {solid:.4g} of "
             "the body"
         )
 
@@ -330,7 +334,7 @@ def shrunk(design: Design, variables: Array, volume: float) -> Array:
 
 
 def finite_vector(values: ArrayLike, size: int, where: str, what: str) -> Array:
-    """``values`` as finite numbers, shape (size,), named ``what`` in messages of ``where``."""
+    """Finite numbers ``values``, shape (size,); messages of ``where`` name them ``what``."""
     vector = validation.numbers(f"{where}: {what}", values)
     finite = bool(np.all(np.isfinite(vector)))
     if vector.shape != (size,) or not finite:
@@ -342,7 +346,7 @@ def finite_vector(values: ArrayLike, size: int, where: str, what: str) -> Array:
 
 
 class ParameterDesign(Variables):
-    """Parameters of a mechanism; the variables are shares of their ranges, on their scales."""
+    """Parameters of a mechanism; the variables are linear or logarithmic shares of their ranges."""
 
     each: ClassVar[str] = "parameter"
 

@@ -90,8 +90,8 @@ class _Global(Kernel):
     length: float  #: Shape parameter [m], measured by the spacing of the knots
 
     def __post_init__(self) -> None:
-        what = f"{type(self).__name__} kernel: length"
-        validation.number(what, self.length, above=0.0, unit="m")
+        label = f"{type(self).__name__} kernel: length"
+        validation.number(label, self.length, above=0.0, unit="m")
 
 
 @dataclass(frozen=True)
@@ -169,8 +169,8 @@ def neighbours(points: Array, knots: cKDTree, reach: float) -> NDArray[Any]:
 
 def kernel_matrix(kernel: Kernel, points: Array, knots: cKDTree) -> csr_matrix:
     """g(|X_i - X_j|) of points (n, dimension) and knots within the support, (n, knots)."""
-    near = neighbours(points, knots, kernel.support)
-    return csr_matrix((kernel(near["v"]), (near["i"], near["j"])), shape=(len(points), knots.n))
+    pairs = neighbours(points, knots, kernel.support)
+    return csr_matrix((kernel(pairs["v"]), (pairs["i"], pairs["j"])), shape=(len(points), knots.n))
 
 
 @cache

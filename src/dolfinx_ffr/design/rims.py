@@ -13,9 +13,12 @@ from .. import validation
 from ..arrays import Array, Mask
 from ..fem import Domain, FlatHole, SpatialHole
 
+#: Segments of a quarter of a circle in the polygon of a rim
+_SEGMENTS = 96
+
 
 class HoleRims:
-    """The rims around all holes of a body's drawing.
+    """The rims around all holes of a body's drawing: the points within a width of a hole.
 
     Args:
         domain: The body.
@@ -25,37 +28,48 @@ class HoleRims:
 
     def __init__(self, domain: Domain, width: float, *, outline: bool = False) -> None:
         self.width = validation.number("design: hole_rim", width, least=0.0, unit="m")
+        self._domain = domain
         self._holes = domain.holes if width else []
         self._outline = domain.outline.boundary if width and outline else None
         shapely.prepare(self._outline)
         self._cell = domain.cell_size
 
+    @property
+    def regions(self) -> list[tuple[FlatHole, shapely.Geometry]]:
+        """Each hole of a body in the plane, and its rim in the body, which may be cut off [m]."""
+        outline = self._domain.outline if self._holes else None
+        return [
+            (hole, hole.shape.buffer(self.width, quad_segs=_SEGMENTS).intersection(outline))
+            for hole in self._holes
+            if isinstance(hole, FlatHole)
+        ]
+
     def contain(self, points: Array) -> Mask:
         """Whether ``points`` (..., dimension) [m] are in a rim, shape (...,)."""
-        inside = self.margin(points.reshape(-1, points.shape[-1])) > 0.0
-        return np.asarray(inside.reshape(points.shape[:-1]))
+        in_rim = self.margin(points.reshape(-1, points.shape[-1])) > 0.0
+        return np.asarray(in_rim.reshape(points.shape[:-1]))
 
     def margin(self, points: Array) -> Array:
-        """How far ``points`` (n, dimension) [m] are inside a rim, negative outside, (n,) [m].
+        """Depth of ``points`` (n, dimension) [m] in a rim, negative outside, shape (n,) [m].
 
         More than a width outside of all rims it is minus infinity.
         """
         margin = np.full(len(points), -np.inf)
         for hole in self._holes:
             low, high = hole.box
-            beyond = np.maximum(low - points, points - high).max(axis=1)
-            near = np.flatnonzero(beyond < 2.0 * self.width)
-            inside = self.width + self._cut_off(hole) - hole.distance(points[near])
-            margin[near] = np.maximum(margin[near], inside)
+            beyond_box = np.maximum(low - points, points - high).max(axis=1)
+            close = np.flatnonzero(beyond_box < 2.0 * self.width)
+            depth = self.width + self._chord_depth(hole) - hole.distance(points[close])
+            margin[close] = np.maximum(margin[close], depth)
         if self._outline is not None:
-            corners = shapely.points(points)
-            near = np.flatnonzero(shapely.dwithin(self._outline, corners, 2.0 * self.width))
-            inside = self.width - shapely.distance(self._outline, corners[near])
-            margin[near] = np.maximum(margin[near], inside)
+            positions = shapely.points(points)
+            close = np.flatnonzero(shapely.dwithin(self._outline, positions, 2.0 * self.width))
+            depth = self.width - shapely.distance(self._outline, positions[close])
+            margin[close] = np.maximum(margin[close], depth)
         return margin
 
-    def _cut_off(self, hole: FlatHole | SpatialHole) -> float:
-        """By how much chords of two cells cut into a round rim in space, where solids have them."""
+    def _chord_depth(self, hole: FlatHole | SpatialHole) -> float:
+        """Depth to which flat faces of a solid, over two cells, cut into a round rim [m]."""
         if isinstance(hole, FlatHole):
             return 0.0
         return min(0.5 * self._cell**2 / (hole.radius + self.width), 0.5 * self._cell)

@@ -13,7 +13,8 @@ import numpy as np
 import shapely
 
 from ..arrays import Array
-from ..fem import VOID, FlatHole, SpatialHole, Tetrahedra
+from ..design import HoleRims
+from ..fem import VOID, SpatialHole, Tetrahedra
 from ..parallel import on_rank_0
 from .asked_sizes import TOLERANCE, TOLERANCE_IN_SPACE, PartViolation, place
 from .part import Part
@@ -55,9 +56,8 @@ def _in_the_plane(part: Part, rim: float, least: float) -> Iterator[PartViolatio
         depth = max(float(np.max(shapely.distance(corners, body))), inscribed.length + tolerance)
         yield _outside(np.array(inscribed.coords[0]), depth, least)
 
-    for hole in part.body.holes:
-        assert isinstance(hole, FlatHole)
-        missing = hole.shape.buffer(rim).intersection(body).difference(part.polygon)
+    for hole, region in HoleRims(part.body, rim).regions:
+        missing = region.difference(part.polygon)
         # a strip thinner than the accuracy of the curves is not missing
         missing = missing.buffer(-tolerance).buffer(tolerance)
         if not missing.is_empty:
