@@ -77,7 +77,7 @@ def read_motion(
 def _column(what: str, titles: Sequence[str], name: str, key: str) -> int:
     """Place of the column of a ``name``, which the argument ``key`` gives."""
     searched = validation.name(f"{what}: the name of a column", name).strip()
-    names = [_split(searched)[0] for wanted_name in titles]
+    names = [_split(title)[0] for title in titles]
     matches = [k for k, column in enumerate(names) if searched in (column, titles[k].strip())]
     if len(matches) != 1:
         number = "is no column" if not matches else f"are {len(matches)} columns"
