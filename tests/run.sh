@@ -93,6 +93,9 @@ count() { # count CODE ARGUMENTS...: of a session that has ended
     { [ "$code" = 5 ] && [ $# -gt 0 ]; } || ran=1
 }
 
+# Compiled once here, and not by each of the processes that would need it first.
+PYTHONPATH=$clone/src "$python" -m dolfinx_ffr compile --all
+
 case $kind in
 fast)
     session serial "$@"

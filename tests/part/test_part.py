@@ -16,6 +16,7 @@ from shared.meshes import area_of
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.fem import Arc, Line, Spline
+from dolfinx_ffr.part.part import _notches
 from dolfinx_ffr.part.widths import narrowest_gap, thinnest_member
 
 Field = Callable[[np.ndarray], np.ndarray]
@@ -85,6 +86,16 @@ def test_strip_and_flanges(comm: MPI.Comm) -> None:
     assert (part.pieces, part.holes) == (1, 1)
     gap = part.narrowest_gap
     assert gap is not None and gap.value == pytest.approx(0.0186, rel=5e-3)
+
+
+def test_a_notch_is_where_the_material_bends_inwards() -> None:
+    """At each point of a round notch, with its radius, and not at the corners of the plate."""
+    angles = np.linspace(0.0, -np.pi, 41)
+    notch = np.array([0.5, 1.0]) + 0.1 * np.column_stack([np.cos(angles), np.sin(angles)])
+    ring = np.vstack([[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], notch, [[0.0, 1.0]]])
+    positions, radii = _notches(ring)
+    np.testing.assert_array_equal(positions, notch[1:-1])
+    np.testing.assert_allclose(radii, 0.1, rtol=1e-3)
 
 
 def test_corners_of_the_zero_line_stay_corners(comm: MPI.Comm) -> None:
