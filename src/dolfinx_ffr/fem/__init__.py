@@ -25,7 +25,7 @@ from .elasticity import (
     summed,
 )
 from .elasticity import Elasticity as Elasticity
-from .faces import directed_loops, nested, ring
+from .faces import directed_faces, ring
 from .holes_in_space import SpatialHole
 from .interface import Bore as Bore
 from .interface import Box as Box

@@ -53,16 +53,14 @@ def coordinate_space(domain: mesh.Mesh) -> Any:
     return make_space(domain, element)
 
 
-def quadrature_space(domain: mesh.Mesh, degree: int, shape: tuple[int, ...] = ()) -> Any:
-    """Numbers or tensors at the points of the rule of a degree."""
+def quadrature_space(domain: mesh.Mesh, degree: int) -> Any:
+    """Numbers at the points of the rule of a degree."""
     try:
         import basix.ufl
 
-        element = basix.ufl.quadrature_element(cell_name(domain), value_shape=shape, degree=degree)
+        element = basix.ufl.quadrature_element(cell_name(domain), degree=degree)
     except ImportError:
-        kind = ufl.TensorElement if shape else ufl.FiniteElement
-        options = {"shape": shape} if shape else {}
-        element = kind("Quadrature", domain.ufl_cell(), degree, quad_scheme="default", **options)
+        element = ufl.FiniteElement("Quadrature", domain.ufl_cell(), degree, quad_scheme="default")
     make_space = getattr(fem, "functionspace", None) or fem.FunctionSpace
     return make_space(domain, element)
 

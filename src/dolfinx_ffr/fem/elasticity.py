@@ -45,8 +45,6 @@ CellFields = Array
 ROWS, CELLS = 4096, 2048
 #: Difference of matrices of cells, relative to their entries, that is round-off of positions
 ALIKE = 1e-11
-#: Pairs of fields for each dof of a cell from which on their products are summed first
-SUMMED = 1.2
 #: Thickness over the extent of a body in its plane that is no slip, in plane stress and strain
 THICKEST_STRESS, THICKEST_STRAIN = 10.0, 1000.0
 
@@ -215,12 +213,6 @@ class Elasticity:
         return self.nodes.form(self._pairing(*self._fields))
 
     @cached_property
-    def _sums_form(self) -> tuple[fem.Form, list[fem.Function]]:
-        """`_node_form` of four fields of `cell_space`, and these fields."""
-        fields = [fem.Function(self.cell_space) for _ in range(4)]
-        return self.nodes.form(self._pairing(*fields)), fields
-
-    @cached_property
     def _areas_form(self) -> fem.Form:
         return self.nodes.form(self._density * ufl.dx(domain=self.domain.mesh))
 
@@ -240,9 +232,7 @@ class Elasticity:
         """
         w, y, phi, kappa = pairs
         self.set_density(x)
-        if nodes is not None and w.shape[1] > SUMMED * self._cell_dofs.shape[1]:
-            self._add_node_sums(nodes, w, y, phi, kappa)
-        elif nodes is not None:
+        if nodes is not None:
             for a in range(max(w.shape[1], phi.shape[1])):
                 for function, block in zip(self._fields, pairs, strict=True):
                     self.set(function, block[:, a] if a < block.shape[1] else np.zeros(self.n_dofs))
@@ -293,19 +283,6 @@ class Elasticity:
             slopes = self.density_form(factor * self._dx) if follows else None
             solid_cells.append((np.broadcast_to(matrices, shape), slopes))
         return solid_cells
-
-    def _add_node_sums(self, nodes: Array, *pairs: Block) -> None:
-        """Add the derivative of `density_gradient`'s sum by the nodes, from products at cells."""
-        (form, fields), dofs = self._sums_form, self._cell_dofs.shape[1]
-        mass, stiffness = np.zeros((2, self.domain.n_cells, dofs, dofs))
-        for total, (a, b) in ((mass, pairs[:2]), (stiffness, pairs[2:])):
-            for chunk, products in self._products(a, b, dofs):
-                total[chunk] = products
-        for i, unit in enumerate(np.eye(dofs)):
-            values_of_fields = unit, mass[:, i], unit, stiffness[:, i]
-            for field_, values in zip(fields, values_of_fields, strict=True):
-                self.set_cells(field_, values)
-            fem.assemble_vector(nodes, form)
 
     def _products(self, a: Block, b: Block, size: int) -> Iterator[tuple[slice, Array]]:
         """Sums over the columns of two blocks of products of values at some cells at a time.

@@ -15,11 +15,21 @@ from .curves import Curve, enclosed, polygon
 _ROUND_OFF = 1e-9
 
 
-def directed_loops(curves: Sequence[Curve], nodes: Sequence[tuple[int, int]]) -> list[list[int]]:
-    """Numbers of curves along each closed loop; a node alone does not join faces.
+def directed_faces(
+    curves: Sequence[Curve], nodes: Sequence[tuple[int, int]], tolerance: float
+) -> list[list[list[int]]]:
+    """Faces on the left of curves: numbers of curves along the outer loop of each, then its holes.
 
-    The face is on the left of each curve, and ``nodes`` are the numbers of its ends.
+    The ``nodes`` are the numbers of the ends of each curve; one alone does not join faces. The
+    ``tolerance`` is that of the polygons by which holes are found [m].
     """
+    loops = _directed_loops(curves, nodes)
+    nests = _nested([[curves[i] for i in loop] for loop in loops], tolerance)
+    return [[loops[i] for i in nest] for nest in nests]
+
+
+def _directed_loops(curves: Sequence[Curve], nodes: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """Numbers of curves along each closed loop."""
     leaving: dict[int, list[int]] = {}
     for i, (start, _) in enumerate(nodes):
         leaving.setdefault(start, []).append(i)
@@ -51,11 +61,8 @@ def _clockwise(a: Array, b: Array) -> float:
     return float(angle if angle > 1e-9 else angle + 2.0 * np.pi)
 
 
-def nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int]]:
-    """Loops of faces by number: counterclockwise ones, each followed by the holes in it.
-
-    The ``tolerance`` is that of the polygons by which holes are found [m].
-    """
+def _nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int]]:
+    """Loops of faces by number: counterclockwise ones, each followed by the holes in it."""
     areas = [float(enclosed(loop)[0]) for loop in closed]
     shapes = [shapely.Polygon(ring(loop, tolerance)) for loop in closed]
     nests = {i: [i] for i, area in enumerate(areas) if area > 0.0}

@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from ..arrays import Array, Mask
 from .curves import Arc, Curve, Line, Spline
-from .faces import directed_loops, nested
+from .faces import directed_faces
 from .interface import nearest_circle
 from .plane_mesh import Drawing, Face, face_polygon, walked
 
@@ -241,10 +241,9 @@ class _DividedDrawing:
                     ]
         around = walked(curves, sides)
         ends_of = [nodes[i] if forward else nodes[i][::-1] for i, forward in sides]
-        loops = directed_loops(around, ends_of)
         faces = []
-        for nest in nested([[around[k] for k in loop] for loop in loops], self._fine):
-            face_loops = [[sides[k] for k in loops[n]] for n in nest]
+        for loops in directed_faces(around, ends_of, self._fine):
+            face_loops = [[sides[k] for k in loop] for loop in loops]
             shape = face_polygon(curves, face_loops, self._fine)
             thin = shape.buffer(-0.5 * RIM.leftover * self._width).is_empty
             solid = thin or shape.intersection(zone).area > 0.5 * shape.area

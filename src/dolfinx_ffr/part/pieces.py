@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..fem import Drawing, Face, ShapeError, connected, directed_loops, enclosed, nested
+from ..fem import Drawing, Face, ShapeError, connected, directed_faces, enclosed
 from .boundary import Side
 from .lattice import DESIGN, SOLID
 
@@ -70,17 +70,17 @@ def _faces(sides: Sequence[Side], tolerance: float) -> tuple[list[Face], list[Ar
         backward = [i for i, side in enumerate(sides) if side.right == kind]
         numbers = [(i, True) for i in forward] + [(i, False) for i in backward]
         directed = [sides[i] for i in forward] + [sides[i].reversed() for i in backward]
-        loops = _loops(directed)
-        curves = [[directed[i].curve for i in loop] for loop in loops]
-        for nest in nested(curves, tolerance):
-            faces.append(Face(group, [[numbers[i] for i in loops[n]] for n in nest]))
-            moments.append(np.sum([enclosed(curves[n]) for n in nest], axis=0))
+        for loops in _directed(directed, tolerance):
+            faces.append(Face(group, [[numbers[i] for i in loop] for loop in loops]))
+            areas = [enclosed([directed[i].curve for i in loop]) for loop in loops]
+            moments.append(np.sum(areas, axis=0))
     return faces, moments
 
 
-def _loops(sides: Sequence[Side]) -> list[list[int]]:
-    """Numbers of directed sides along each closed loop; a node alone does not join material."""
-    return directed_loops([side.curve for side in sides], [side.nodes for side in sides])
+def _directed(sides: Sequence[Side], tolerance: float) -> list[list[list[int]]]:
+    """The faces on the left of directed sides, by the numbers of these along each loop."""
+    curves = [side.curve for side in sides]
+    return directed_faces(curves, [side.nodes for side in sides], tolerance)
 
 
 def outlines(
@@ -95,9 +95,7 @@ def outlines(
         for i, forward in around
         if (i, not forward) not in walked_both_ways
     ]
-    loops = [[bounds[i] for i in loop] for loop in _loops(bounds)]
-    nests = nested([[side.curve for side in loop] for loop in loops], tolerance)
-    return [[loops[i] for i in nest] for nest in nests]
+    return [[[bounds[i] for i in loop] for loop in loops] for loops in _directed(bounds, tolerance)]
 
 
 def drawing(sides: Sequence[Side], pieces: Sequence[Piece], names: Sequence[str]) -> Drawing:

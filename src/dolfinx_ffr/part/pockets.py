@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from ..fem import Drawing, Face, ShapeError, directed_loops, nested, ring, walked
+from ..fem import Drawing, Face, ShapeError, directed_faces, ring, walked
 
 #: Width up to which a strip along the outline is the difference of two polygons, in units of the
 #: length on which the field varies
@@ -30,19 +30,17 @@ def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> li
     sides = [(i, not forward) for i, forward in around if (i, not forward) not in walked_both_ways]
     curves = walked(drawing.curves, sides)
     nodes = [drawing.nodes[i] if forward else drawing.nodes[i][::-1] for i, forward in sides]
-    loops = directed_loops(curves, nodes)
     accuracy = 0.01 * _STRIP * spacing
 
     def polygon(loop: list[int]) -> shapely.Polygon:
         return shapely.Polygon(ring([curves[i] for i in loop], accuracy))
 
     faces, floors = [], []
-    for outer, *islands in nested([[curves[i] for i in loop] for loop in loops], accuracy):
-        floor = polygon(loops[outer]).difference(
-            shapely.union_all([polygon(loops[n]) for n in islands])
-        )
+    for loops in directed_faces(curves, nodes, accuracy):
+        outer, *islands = map(polygon, loops)
+        floor = outer.difference(shapely.union_all(islands))
         if body.covers(floor.representative_point()):
-            faces.append(Face("pocket", [[sides[i] for i in loops[n]] for n in (outer, *islands)]))
+            faces.append(Face("pocket", [[sides[i] for i in loop] for loop in loops]))
             floors.append(floor)
 
     missing = body.difference(shapely.union_all([*floors, _covered(drawing, accuracy)]))

@@ -12,7 +12,6 @@ from typing import Any
 from tqdm.auto import tqdm
 
 from .. import validation
-from ..mechanism import RayleighDamping
 from ..objective import is_stress
 from ..parallel import on_every_rank, on_rank_0
 from ..postprocessing import worst_stress
@@ -64,7 +63,6 @@ class Verification:
         name: str | None = None,
         *,
         format: str | None = None,
-        damping: RayleighDamping | None = None,
     ) -> None:
         """Write the reduction of a part on its finest mesh, which others move.
 
@@ -74,8 +72,7 @@ class Verification:
         Args:
             path: Where rank 0 writes, as `VolumeIntegrals.save`.
             name: Of the body; by default the only one.
-            format: As `VolumeIntegrals.save`, as ``damping``.
-            damping: Of the elastic coordinates, where the format holds it.
+            format: As `VolumeIntegrals.save`.
 
         Raises:
             ValueError: If the name is needed or not known, or the format cannot hold the body.
@@ -88,7 +85,7 @@ class Verification:
         body, reduced = self.bodies[name]
         is_ours = format == "npz" or (format is None and Path(path).suffix == ".npz")
         integrals = reduced.integrals if is_ours else body.in_space(reduced)
-        on_rank_0(body.domain.comm, lambda: integrals.save(path, format=format, damping=damping))
+        on_rank_0(body.domain.comm, lambda: integrals.save(path, format=format))
 
     @property
     def psi(self) -> float:

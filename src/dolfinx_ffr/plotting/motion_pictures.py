@@ -166,9 +166,6 @@ def animate_boundary(
     materials: Sequence[BaseGeometry],
     psi: ArrayLike,
     path: str | Path,
-    *,
-    frames_per_second: float = 5.0,
-    title: str = "",
 ) -> Path:
     """Show how the boundary of a part moves, and psi with it.
 
@@ -180,17 +177,13 @@ def animate_boundary(
         materials: What the boundary encloses in each step, as in `BoundaryResult.materials`.
         psi: Objective of each step, shape (steps,).
         path: File to write, .gif, or .mp4 where ffmpeg is installed.
-        frames_per_second: Pictures in a second of the film.
-        title: Heading.
 
     Raises:
-        ValueError: If there are not as many numbers as steps, or a number is out of range, or
-            ffmpeg is not there for .mp4.
+        ValueError: If there are not as many numbers as steps, or ffmpeg is not there for .mp4.
     """
-    path = _film_path(path, title)
+    path = _film_path(path)
     validation.instance("animate_boundary: body", body, Domain, "a Domain")
     values = validation.real_array("animate_boundary: psi", psi, (len(materials),))
-    rate = validation.number("animate_boundary: frames_per_second", frames_per_second, above=0.0)
     low, high = (corner[:2] for corner in body.bounding_box)
 
     def draw(file: Path) -> None:
@@ -218,13 +211,12 @@ def animate_boundary(
             def update(step: int) -> None:
                 material.set_path(outline_path(materials[step]))
                 dot.set_data([step], [shares[step]])
-                text = f"step {step}: psi is {shares[step]:.4f} of the first"
-                heading.set_text(f"{title}   {text}".strip())
+                heading.set_text(f"step {step}: psi is {shares[step]:.4f} of the first")
 
             moving = [material, start, dot, heading]
             pictures = list(_pictures(figure, moving, len(materials), update))
         # the start and the end are shown for a while
-        _write_film([pictures[0]] * 3 + pictures + [pictures[-1]] * 6, file, rate)
+        _write_film([pictures[0]] * 3 + pictures + [pictures[-1]] * 6, file, 5.0)
 
     return style.written(body.comm, path, draw)
 
@@ -344,7 +336,7 @@ def _add_energy_bar(axes: Axes, label: str) -> None:
     style.add_color_bar([axes], colors, label, ticks=[0.0, 0.05, 0.2, 0.5, 1.0], format="{x:g}")
 
 
-def _film_path(path: str | Path, title: str) -> Path:
+def _film_path(path: str | Path, title: str = "") -> Path:
     """Check the path of a film."""
     path = style.writable(path, title, (".gif", ".mp4"))
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:

@@ -12,8 +12,6 @@ References:
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-
 from petsc4py import PETSc
 
 import numpy as np
@@ -38,41 +36,14 @@ OPTIONS = {
 NOTHING = 1e-14
 
 
-class CoarseSystems(ABC):
-    """A hierarchy of coarser systems, made for one matrix after the other of the same pattern."""
-
-    rows: Integers | slice  #: Dofs of this rank that take part
-
-    @abstractmethod
-    def part(self, matrix: PETSc.Mat, previous: PETSc.Mat | None) -> PETSc.Mat:
-        """The ``rows`` and columns of a clamped matrix, written into the ``previous`` part."""
-
-    @abstractmethod
-    def levels(self, finest: PETSc.Mat) -> list[tuple[PETSc.Mat, PETSc.Mat]]:
-        """Matrices above the coarsest, upwards, and for each what interpolates to it."""
-
-    @abstractmethod
-    def solve(self, block: Block) -> Block:
-        """Solutions of the coarsest system, shape (its dofs of this rank, columns)."""
-
-    @abstractmethod
-    def destroy(self) -> None:
-        """Free the memory on all ranks together, without matrices that were given."""
-
-
-def coarse_systems(elasticity: Elasticity, clamped: Mask) -> CoarseSystems:
-    """Systems of nested boxes where nodes stand on a lattice, else of aggregates."""
-    matrices = interpolations(elasticity, clamped)
-    return NestedBoxes(elasticity, matrices) if matrices else Aggregates(elasticity, clamped)
-
-
-class NestedBoxes(CoarseSystems):
+class NestedBoxes:
     """Systems of boxes twice as large from level to level; the coarsest has a factor.
 
-    Clamped dofs have no share in interpolated fields, so matrices are taken as they are.
+    They are made for one matrix after the other of the same pattern. Clamped dofs
+    have no share in interpolated fields, so matrices are taken as they are.
     """
 
-    rows = slice(None)
+    rows: Integers | slice = slice(None)  #: Dofs of this rank that take part
 
     def __init__(self, elasticity: Elasticity, interpolations: list[PETSc.Mat]) -> None:
         self._interpolations = interpolations
@@ -80,9 +51,11 @@ class NestedBoxes(CoarseSystems):
         self._factor = SharedFactor(elasticity, factor_package(elasticity.comm))
 
     def part(self, matrix: PETSc.Mat, previous: PETSc.Mat | None) -> PETSc.Mat:
+        """The ``rows`` and columns of a clamped matrix, written into the ``previous`` part."""
         return matrix
 
     def levels(self, finest: PETSc.Mat) -> list[tuple[PETSc.Mat, PETSc.Mat]]:
+        """Matrices above the coarsest, upwards, and for each what interpolates to it."""
         matrices, old = [finest], self._coarse
         for k, interpolation in enumerate(self._interpolations):
             matrices.append(matrices[-1].ptap(interpolation, old[k] if old else None))
@@ -91,14 +64,16 @@ class NestedBoxes(CoarseSystems):
         return list(zip(matrices[:-1], self._interpolations, strict=True))[::-1]
 
     def solve(self, block: Block) -> Block:
+        """Solutions of the coarsest system, shape (its dofs of this rank, columns)."""
         return self._factor.solve(block)
 
     def destroy(self) -> None:
+        """Free the memory on all ranks together, without matrices that were given."""
         for item in (self._factor, *self._coarse, *self._interpolations):
             item.destroy()
 
 
-class Aggregates(CoarseSystems):
+class Aggregates:
     """Smoothed aggregation by PETSc (GAMG) out of the rigid motions of the body.
 
     Nodes of interfaces, which are clamped, do not take part: alone in their aggregates they would
@@ -182,3 +157,9 @@ class Aggregates(CoarseSystems):
     def destroy(self) -> None:
         for item in (self._ksp, *self._parts):
             item.destroy()
+
+
+def coarse_systems(elasticity: Elasticity, clamped: Mask) -> NestedBoxes | Aggregates:
+    """Systems of nested boxes where nodes stand on a lattice, else of aggregates."""
+    matrices = interpolations(elasticity, clamped)
+    return NestedBoxes(elasticity, matrices) if matrices else Aggregates(elasticity, clamped)
