@@ -126,8 +126,8 @@ def test_two_lines_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     before = shorter(dict(programs(PAGE))["Slider-crank"]) + "levelset = ffr.LevelSet(rod)\n"
     steps = program.replace("ffr.TimeInterval(2.0)", "ffr.GeneralizedAlpha(2.0, 120)")
     names = run(before + shorter(steps), heading)
-    found = names["result"]
-    assert found.parameters.keys() == {"radius", "load"} and 0.0 < found.psi < float("inf")
+    result = names["result"]
+    assert result.parameters.keys() == {"radius", "load"} and 0.0 < result.psi < float("inf")
 
 
 @pytest.mark.slow
@@ -264,9 +264,9 @@ def test_formulas_and_gallery(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(TOP / "docs" / "site"))
     formulas, gallery = (importlib.import_module(name) for name in ("formulas", "gallery"))
     typed = (TOP / "docs" / "method.md").read_text()
-    found = re.findall(r"\$\$(.+?)\$\$|\$(.+?)\$", typed, re.S)
-    assert len(found) == 20
-    for formula in map("".join, found):
+    matches = re.findall(r"\$\$(.+?)\$\$|\$(.+?)\$", typed, re.S)
+    assert len(matches) == 20
+    for formula in map("".join, matches):
         set_formula = formulas.tex2mathml(formula)
         assert set_formula.startswith("<math") and not formulas.raw(set_formula)
     assert formulas.raw("<p>where $f &gt; 1$</p><pre>$HOME</pre>") == ["$f &gt; 1$"]

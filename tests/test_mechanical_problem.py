@@ -29,16 +29,16 @@ def scene() -> Scene:
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     """How often is simulated, and an adjoint solved."""
-    found = {"simulate": 0, "adjoint": 0}
-    originals = {name: getattr(mechanical_problem, name) for name in found}
-    for name in found:
+    values = {"simulate": 0, "adjoint": 0}
+    originals = {name: getattr(mechanical_problem, name) for name in values}
+    for name in values:
 
         def counted(*args: Any, name: str = name) -> Any:
-            found[name] += 1
+            values[name] += 1
             return originals[name](*args)
 
         monkeypatch.setattr(mechanical_problem, name, counted)
-    return found
+    return values
 
 
 def test_several_numbers_from_one_simulation(scene: Scene, calls: dict[str, int]) -> None:
@@ -65,8 +65,8 @@ def test_nothing_is_simulated_without_need(scene: Scene, calls: dict[str, int]) 
     assert calls == {"simulate": 0, "adjoint": 0}
     assert result.trajectory is None
     assert result.integrals_gradient is not None
-    found = {name: bar.mass for name, bar in result.integrals_gradient.items()}
-    assert found == {"crank": 0.0, "coupler": 2.0, "rocker": 1.0}
+    values = {name: bar.mass for name, bar in result.integrals_gradient.items()}
+    assert values == {"crank": 0.0, "coupler": 2.0, "rocker": 1.0}
     # Bodies that are not valid are refused all the same.
     broken = {**scene.bodies, "crank": replace(scene.bodies["crank"], mass=-1.0)}
     with pytest.raises(ValueError, match="'crank': the mass must be positive"):

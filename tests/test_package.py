@@ -26,12 +26,12 @@ SOURCES = sorted(Path(dolfinx_ffr.__file__).parent.rglob("*.py"))
 
 def public_objects() -> list[tuple[str, Any]]:
     """Name and object of each public function, class and method of the package."""
-    found = []
+    values = []
     inside = [f"{folder}.{name}" for folder, names in BY_FOLDER.items() for name in names]
     for name in [*dolfinx_ffr.__all__, *inside]:
         thing = attrgetter(name)(dolfinx_ffr)
         if inspect.isclass(thing) or inspect.isroutine(thing):
-            found.append((name, thing))
+            values.append((name, thing))
         for key, member in vars(thing).items() if inspect.isclass(thing) else ():
             function = member.__func__ if isinstance(member, staticmethod | classmethod) else member
             if isinstance(function, property):
@@ -41,8 +41,8 @@ def public_objects() -> list[tuple[str, Any]]:
             if key.startswith("_") or not inspect.isfunction(function):
                 continue
             if function.__module__.startswith(dolfinx_ffr.__name__):
-                found.append((f"{name}.{key}", function))
-    return found
+                values.append((f"{name}.{key}", function))
+    return values
 
 
 def entries(docstring: str, sections: str = "Args|Attributes") -> list[tuple[str, str]]:
@@ -106,9 +106,9 @@ def faults_of_docstring(thing: Callable[..., Any]) -> str:
 
 
 def test_public_parameters_are_documented() -> None:
-    found = {name: faults_of_docstring(thing) for name, thing in public_objects()}
-    assert len(found) > 300
-    assert not {name: fault for name, fault in found.items() if fault}
+    values = {name: faults_of_docstring(thing) for name, thing in public_objects()}
+    assert len(values) > 300
+    assert not {name: fault for name, fault in values.items() if fault}
 
 
 #: First words of a description that are no words but symbols, and stay as they are.
@@ -153,12 +153,14 @@ def test_docstrings_speak_one_dialect() -> None:
 def test_pip_keeps_the_packages_of_debian(python: str, versions: str, refused: str | None) -> None:
     """And puts no NumPy in the place of Debian's that its Numba does not work with."""
     project = tomllib.loads((TOP / "pyproject.toml").read_text())["project"]
-    wanted = [Requirement(text) for text in project["dependencies"]]
-    wanted = [r for r in wanted if not r.marker or r.marker.evaluate({"python_version": python})]
+    expected = [Requirement(text) for text in project["dependencies"]]
+    expected = [
+        r for r in expected if not r.marker or r.marker.evaluate({"python_version": python})
+    ]
     for name, version in (entry.split() for entry in versions.split(", ")):
-        own = [requirement.specifier for requirement in wanted if requirement.name == name]
+        own = [requirement.specifier for requirement in expected if requirement.name == name]
         assert own and all(version in specifier for specifier in own), name
-    numpy = [requirement.specifier for requirement in wanted if requirement.name == "numpy"]
+    numpy = [requirement.specifier for requirement in expected if requirement.name == "numpy"]
     assert refused is None or not all(refused in specifier for specifier in numpy)
 
 

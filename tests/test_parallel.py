@@ -167,8 +167,8 @@ def test_the_same_is_the_same_but_for_round_off(one: Any, other: Any, alike: boo
 
 def test_an_error_of_the_simulation_can_be_sent() -> None:
     error = ffr.SimulationError("too soft", trajectory=lambda: 0)  # type: ignore[arg-type]
-    found = pickle.loads(pickle.dumps(error))
-    assert isinstance(found, ffr.SimulationError) and str(found) == "too soft"
+    copy = pickle.loads(pickle.dumps(error))
+    assert isinstance(copy, ffr.SimulationError) and str(copy) == "too soft"
 
 
 class Faulty(ffr.Objective):

@@ -184,8 +184,8 @@ def test_one_body_under_two_names(comm: MPI.Intracomm) -> None:
     for name, gradient in at_once.gradient.items():
         check_gradient(problem, x, {name: direction}, step=7e-4)
         slope = link.domain.sum(gradient * direction)
-        found = link.domain.sum(later.gradient[name] * direction)
-        assert found == pytest.approx(slope, rel=1e-8)
+        total = link.domain.sum(later.gradient[name] * direction)
+        assert total == pytest.approx(slope, rel=1e-8)
 
 
 @pytest.mark.mpi
@@ -198,8 +198,8 @@ def test_steps_are_chosen_where_an_integrator_is_set(comm: MPI.Intracomm) -> Non
     assert isinstance(problem.integrator, ffr.TimeInterval)
     problem.objective = chosen
     assert problem.integrator.chosen_for == 1e-2
-    found = problem.value(np.ones(problem.flexible["rod"].domain.n_cells))
-    assert found.trajectory.integrator == problem.integrator
+    evaluation = problem.value(np.ones(problem.flexible["rod"].domain.n_cells))
+    assert evaluation.trajectory.integrator == problem.integrator
 
 
 @pytest.mark.mpi
@@ -237,14 +237,14 @@ def test_few_frames_lie_in_between(comm: MPI.Intracomm, monkeypatch: pytest.Monk
     ],
 )
 def test_what_does_not_fit_a_body(comm: MPI.Comm, objective: ffr.Objective, message: str) -> None:
-    given = reference_problem(comm, (10, 2), modes=2, steps=10)
-    bodies = {**given.bodies, "disc": ffr.VolumeIntegrals.rigid(1.0, (0.0, 0.0), 1e-3, {})}
-    placements = {**given.mechanism.placements, "disc": ffr.Placement()}
-    mechanism = replace(given.mechanism, placements=placements)
+    problem = reference_problem(comm, (10, 2), modes=2, steps=10)
+    bodies = {**problem.bodies, "disc": ffr.VolumeIntegrals.rigid(1.0, (0.0, 0.0), 1e-3, {})}
+    placements = {**problem.mechanism.placements, "disc": ffr.Placement()}
+    mechanism = replace(problem.mechanism, placements=placements)
     bound = ffr.Constraint(objective, upper=1.0)
     for psi, bounds in ((objective, []), (ffr.IntegralCompliance(), [bound])):
         with pytest.raises(ValueError, match=message):
-            ffr.Problem(bodies, mechanism, given.integrator, psi, bounds)
+            ffr.Problem(bodies, mechanism, problem.integrator, psi, bounds)
 
 
 def test_start_of_a_body_whose_damping_is_stiff(comm: MPI.Comm) -> None:
@@ -269,11 +269,11 @@ def test_densities_that_leave_their_range_by_round_off(comm: MPI.Intracomm) -> N
     n = problem.flexible["rod"].domain.n_cells
     odd = np.arange(n) % 2 == 0
     exact = problem.gradient(np.where(odd, 1.0, 0.5))
-    found = problem.gradient(np.where(odd, 1.0 + 1e-15, 0.5))
-    assert found.psi == exact.psi
-    assert found.gradient is not None and exact.gradient is not None
-    assert np.array_equal(found.gradient["rod"], exact.gradient["rod"])
-    assert np.max(found.bodies["rod"].density, initial=0.0) <= 1.0
+    evaluation = problem.gradient(np.where(odd, 1.0 + 1e-15, 0.5))
+    assert evaluation.psi == exact.psi
+    assert evaluation.gradient is not None and exact.gradient is not None
+    assert np.array_equal(evaluation.gradient["rod"], exact.gradient["rod"])
+    assert np.max(evaluation.bodies["rod"].density, initial=0.0) <= 1.0
     domain = problem.flexible["rod"].domain
     assert np.array_equal(domain.check_density(np.full(n, -1e-15)), np.zeros(n))
     for far in (1.0 + 1e-12, -1e-12):

@@ -215,8 +215,8 @@ def test_warnings_of_a_load_case_reach_every_rank_and_name_it(comm: MPI.Intracom
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         problem.value(wavy(problem))
-    found = [w for w in caught if issubclass(w.category, ffr.TimeStepWarning)]
-    assert [str(w.message)[:18] for w in found] == ["load case 'fast': "]
+    step_warnings = [w for w in caught if issubclass(w.category, ffr.TimeStepWarning)]
+    assert [str(w.message)[:18] for w in step_warnings] == ["load case 'fast': "]
 
 
 @pytest.mark.mpi
@@ -340,5 +340,5 @@ def test_elements_one_by_one_give_the_same_gradient(comm: MPI.Intracomm) -> None
     x = wavy(problem)
     exact = problem.gradient(x).gradient
     assert exact is not None
-    found = ffr.paper.elementwise_gradient(problem, problem.value(x), progress=False)["rod"]
-    assert np.linalg.norm(found.values - exact["rod"]) < 1e-7 * np.linalg.norm(exact["rod"])
+    gradient = ffr.paper.elementwise_gradient(problem, problem.value(x), progress=False)["rod"]
+    assert np.linalg.norm(gradient.values - exact["rod"]) < 1e-7 * np.linalg.norm(exact["rod"])

@@ -167,11 +167,11 @@ def test_error_in_time_is_of_second_order(rows: Rows, error: str) -> None:
 
 
 def test_error_falls_with_the_tolerance(rows: Rows) -> None:
-    found = rows("accuracy_tolerance")
+    table = rows("accuracy_tolerance")
     for error in ("error_psi", "error_gradient"):
-        assert np.all(column(found, error) <= column(found, "setting"))
+        assert np.all(column(table, error) <= column(table, "setting"))
     # not at every tolerance: tight ones know more of the outer modes, which saves iterations
-    iterations = column(found, "iterations")
+    iterations = column(table, "iterations")
     assert iterations[0] < iterations[-1]
 
 
@@ -226,8 +226,8 @@ def test_linear_cells_lock_in_a_thin_rod(rows: Rows, cell: str) -> None:
 
 
 def test_gradient_agrees_with_central_differences(rows: Rows) -> None:
-    found = rows("accuracy_differences")
-    steps, differences = column(found, "setting"), column(found, "error_gradient")
+    table = rows("accuracy_differences")
+    steps, differences = column(table, "setting"), column(table, "error_gradient")
     assert differences.min() < 1e-6
     # as long as the error of the difference itself prevails, it falls with the square of the step
     large = steps >= 1e-3
@@ -236,9 +236,9 @@ def test_gradient_agrees_with_central_differences(rows: Rows) -> None:
 
 
 def test_element_by_element_is_exact_and_the_approximation_is_not(rows: Rows) -> None:
-    found = rows("gradient")
-    assert {row["design"] for row in found} == {"start", "middle", "final"}
-    for row in found:
+    table = rows("gradient")
+    assert {row["design"] for row in table} == {"start", "middle", "final"}
+    for row in table:
         error = float(row["error"])
         if row["kernel"] in ("exact adjoint", "element by element"):
             assert error < 1e-7 and float(row["cosine"]) > 1.0 - 1e-9

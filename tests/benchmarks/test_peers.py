@@ -153,7 +153,7 @@ def made_up(job: Any) -> dict[str, Any]:
         numbers = {**dict.fromkeys(names, 1e-3), "elements": 360, "modes": 11}
         return {"rows": rows, "steps": 2000, "reference": 9, **numbers}
     if job.function == "plate_times":
-        found = {"seconds": {OURS: 0.1, "SuperLU": 0.3, "CHOLMOD": 0.2}}
-        found["differences"] = dict.fromkeys(("SuperLU", "CHOLMOD"), (1e-12, 2e-12))
-        return {**found, "compliance": 1.0, "unknowns": 100}
+        values = {"seconds": {OURS: 0.1, "SuperLU": 0.3, "CHOLMOD": 0.2}}
+        values["differences"] = dict.fromkeys(("SuperLU", "CHOLMOD"), (1e-12, 2e-12))
+        return {**values, "compliance": 1.0, "unknowns": 100}
     return {"base": 100.0, "beyond": 3.0}

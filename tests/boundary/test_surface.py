@@ -68,29 +68,29 @@ def waves(found: Surface) -> np.ndarray:
 @pytest.mark.slow
 def test_the_field_has_the_surface_of_the_solid(comm: MPI.Comm) -> None:
     """It is a distance, whatever field was given, and the solid's points are its zeros."""
-    found = surface(beam(comm))
-    x = found.part.points[found.moving.numbers]
+    solid_surface = surface(beam(comm))
+    x = solid_surface.part.points[solid_surface.moving.numbers]
     assert len(x) > 60
-    assert np.max(np.abs(found.field(x))) < 1e-9
+    assert np.max(np.abs(solid_surface.field(x))) < 1e-9
     assert np.max(np.abs(notched(x))) < 3.0 * 0.03 * MEMBER
     away = np.array([[0.06, 0.013, -0.002], [0.11, 0.0, 0.005]])
-    np.testing.assert_allclose(found.field(away), [0.004, -0.008], atol=0.03 * MEMBER)
-    assert found.part.volume == pytest.approx(found.origin.volume, rel=5e-3)
-    assert len(found.drawn.triangles) > 2 * len(found.part.triangles)
+    np.testing.assert_allclose(solid_surface.field(away), [0.004, -0.008], atol=0.03 * MEMBER)
+    assert solid_surface.part.volume == pytest.approx(solid_surface.origin.volume, rel=5e-3)
+    assert len(solid_surface.drawn.triangles) > 2 * len(solid_surface.part.triangles)
 
 
 def test_points_follow_the_field() -> None:
     """To first order they stay on its surface, and on the outline of the body."""
-    found = surface(beam(MPI.COMM_SELF))
-    points = found.moving
-    x, offsets = found.part.points[points.numbers], waves(found)
+    solid_surface = surface(beam(MPI.COMM_SELF))
+    points = solid_surface.moving
+    x, offsets = solid_surface.part.points[points.numbers], waves(solid_surface)
     faces = np.abs(np.abs(x[:, 1:]) - 0.02) < 1e-9
     assert np.any(faces)
     missed = []
     for step in (2e-4, 1e-4):
         moved = x - (points.rows @ (step * offsets))[:, None] * points.ways
         np.testing.assert_allclose(moved[:, 1:][faces], x[:, 1:][faces], atol=0.02 * step)
-        missed.append(np.max(np.abs(found.shifted(step * offsets).field(moved))))
+        missed.append(np.max(np.abs(solid_surface.shifted(step * offsets).field(moved))))
     assert missed[0] < 0.2 * 2e-4
     assert missed[1] < 0.3 * missed[0]
 
@@ -99,16 +99,16 @@ def test_points_follow_the_field() -> None:
 @pytest.mark.mpi
 def test_derivative_of_psi_is_that_of_the_mesh_that_moves(comm: MPI.Comm) -> None:
     problem = beam(comm)
-    found = surface(problem)
-    descent = Descent(problem, {"beam": 0.9}, {"beam": found.size}, {})
-    slopes = descent.slopes(descent.tried({"beam": found}))
-    cut = found.part._cuts[found.part._first_division]
-    points, centers = found.moving, {"left": [0.0, 0.0, 0.0], "right": [SIZE[0], 0.0, 0.0]}
-    offsets, step, values = waves(found), 1e-6, []
+    solid_surface = surface(problem)
+    descent = Descent(problem, {"beam": 0.9}, {"beam": solid_surface.size}, {})
+    slopes = descent.slopes(descent.tried({"beam": solid_surface}))
+    cut = solid_surface.part._cuts[solid_surface.part._first_division]
+    points, centers = solid_surface.moving, {"left": [0.0, 0.0, 0.0], "right": [SIZE[0], 0.0, 0.0]}
+    offsets, step, values = waves(solid_surface), 1e-6, []
     for side in (step, -step):
         x = cut.points.copy()
         if comm.rank == 0:
-            number = cKDTree(x).query(found.part.points[points.numbers])[1]
+            number = cKDTree(x).query(solid_surface.part.points[points.numbers])[1]
             x[number] -= (points.rows @ (side * offsets))[:, None] * points.ways
         moved = replace(cut, points=x).domain(comm, ["left", "right"], centers, 2)
         again = problem.with_bodies({"beam": problem.flexible["beam"].with_domain(moved)})
@@ -132,12 +132,12 @@ def plate(thickness: float, place: float) -> Callable[[np.ndarray], np.ndarray]:
 @pytest.mark.parametrize("place", [0.0, 0.0163])
 def test_walls(place: float) -> None:
     """Of a plate between two voids and of one beside a face, exactly; and how they change."""
-    found = surface(beam(MPI.COMM_SELF), plate(0.014, place), 0.01)
-    rows = found.rows(found.walls)
+    solid_surface = surface(beam(MPI.COMM_SELF), plate(0.014, place), 0.01)
+    rows = solid_surface.rows(solid_surface.walls)
     thick = 0.014 if place == 0.0 else 0.02 - place + 0.007
-    assert np.median(found.walls.thickness) == pytest.approx(thick, rel=0.01)
-    outwards = 1e-4 * np.ones(found.n_controls)
-    beside = [found.shifted(side * outwards) for side in (1.0, -1.0)]
+    assert np.median(solid_surface.walls.thickness) == pytest.approx(thick, rel=0.01)
+    outwards = 1e-4 * np.ones(solid_surface.n_controls)
+    beside = [solid_surface.shifted(side * outwards) for side in (1.0, -1.0)]
     mean = [np.median(other.walls.thickness) for other in beside]
     told = -np.median(rows.least * (rows.slopes @ outwards))
     assert 0.5 * np.subtract(*mean) == pytest.approx(told, rel=0.02)
@@ -146,12 +146,12 @@ def test_walls(place: float) -> None:
 @pytest.mark.parametrize("place", [0.0, 0.018])
 def test_thin_walls_become_as_thick_as_asked(place: float) -> None:
     """Also beside a face of the body, which stays; and the solid that is cut has them, too."""
-    found = surface(beam(MPI.COMM_SELF), plate(0.3 * MEMBER, place), MEMBER, share=0.4)
-    walls = found.walls
+    solid_surface = surface(beam(MPI.COMM_SELF), plate(0.3 * MEMBER, place), MEMBER, share=0.4)
+    walls = solid_surface.walls
     assert walls.thickness[0] > 0.999 * MEMBER
     inside = np.array([[0.08, 0.003, min(place, 0.02 - 0.5 * MEMBER) + y] for y in (0.002, -0.002)])
-    assert np.all(found.field(inside) > 0.0)
-    cut = found.part.points[np.abs(found.part.points[:, 0] - 0.08) < 0.02]
+    assert np.all(solid_surface.field(inside) > 0.0)
+    cut = solid_surface.part.points[np.abs(solid_surface.part.points[:, 0] - 0.08) < 0.02]
     assert np.ptp(cut[:, 2]) > 0.98 * MEMBER
 
 
@@ -164,8 +164,11 @@ def test_what_is_drawn_thinner_is_mended(monkeypatch: pytest.MonkeyPatch) -> Non
 
     monkeypatch.setattr(Surface, "_thick", left)  # the walls of the field stay
     member = 1.5 * MEMBER
-    found = surface(beam(MPI.COMM_SELF), plate(0.94 * member, 0.0), member)
-    before, after = found.drawn.thinnest_member, found.settled().drawn.thinnest_member
+    solid_surface = surface(beam(MPI.COMM_SELF), plate(0.94 * member, 0.0), member)
+    before, after = (
+        solid_surface.drawn.thinnest_member,
+        solid_surface.settled().drawn.thinnest_member,
+    )
     assert before is not None and before.value == pytest.approx(0.94 * member, rel=0.02)
     assert after is None or after.value >= member
     wider = surface(beam(MPI.COMM_SELF), plate(1.2 * member, 0.0), member)
@@ -180,12 +183,12 @@ def test_windows_in_which_no_member_fits_are_closed(depth: float, stays: bool) -
     def hollow(x: np.ndarray) -> np.ndarray:
         return np.asarray(np.linalg.norm(x - middle, axis=1) - 0.012)
 
-    found = surface(beam(MPI.COMM_SELF), hollow)
+    solid_surface = surface(beam(MPI.COMM_SELF), hollow)
     face = np.linspace(-0.006, 0.006, 41)
     there = np.stack(np.meshgrid(0.08 + face, 0.003 + face, [0.02], indexing="ij"), axis=-1)
-    assert np.any(found.field(there.reshape(-1, 3)) < 0.0) == stays
-    assert len(found.part.cavities) == (not stays)
-    assert found.walls.thickness[0] > 0.999 * MEMBER
+    assert np.any(solid_surface.field(there.reshape(-1, 3)) < 0.0) == stays
+    assert len(solid_surface.part.cavities) == (not stays)
+    assert solid_surface.walls.thickness[0] > 0.999 * MEMBER
 
 
 def test_windows_that_end_in_points_are_blunted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,10 +233,10 @@ def test_pockets_that_are_too_narrow_go() -> None:
         slot = np.maximum(np.abs(x[:, 0] - 0.12) - 0.4 * MEMBER, np.abs(x[:, 1]) - 0.012)
         return np.asarray(np.min([trough, pinhole, slot], axis=0))
 
-    found = surface(beam(MPI.COMM_SELF), hollows)
+    solid_surface = surface(beam(MPI.COMM_SELF), hollows)
     x = np.array([[x, 0.0, z] for x in (0.05, 0.0205, 0.085, 0.12) for z in (-0.005, 0.005)])
     assert np.all(hollows(x) < 0.0)
-    np.testing.assert_array_equal(found.field(x) < 0.0, [True] * 2 + [False] * 6)
+    np.testing.assert_array_equal(solid_surface.field(x) < 0.0, [True] * 2 + [False] * 6)
 
 
 @pytest.mark.parametrize(("angle", "least"), [(25.0, 0.009), (45.0, 0.006)])
@@ -245,14 +248,14 @@ def test_a_pointed_hollow_ends_in_a_wall(angle: float, least: float) -> None:
         away = np.hypot(x[:, 0] - 0.0813, x[:, 1] - 0.0017)
         return (least - 0.02 - x[:, 2] + slope * away) / np.hypot(1.0, slope)
 
-    found = surface(beam(MPI.COMM_SELF), hollow, 0.01)
+    solid_surface = surface(beam(MPI.COMM_SELF), hollow, 0.01)
     line = np.column_stack([np.tile([0.0813, 0.0017], (2001, 1)), np.linspace(-0.02, 0.0, 2001)])
-    tip = line[np.argmax(found.field(line) < 0.0), 2] + 0.02
-    assert tip > 0.98 * found.member
-    apart = 0.5 * np.sqrt(2.0) * 0.25 * found.member
+    tip = line[np.argmax(solid_surface.field(line) < 0.0), 2] + 0.02
+    assert tip > 0.98 * solid_surface.member
+    apart = 0.5 * np.sqrt(2.0) * 0.25 * solid_surface.member
     if angle < 30.0:  # else none is as thin any more
-        assert len(found.walls.thickness) > 20
-        assert 0.99 * tip < found.walls.thickness[0] < tip + slope * apart
+        assert len(solid_surface.walls.thickness) > 20
+        assert 0.99 * tip < solid_surface.walls.thickness[0] < tip + slope * apart
 
 
 @pytest.mark.parametrize(("length", "left"), [(1.6, 0.87), (6.0, 1.0)])
@@ -263,9 +266,11 @@ def test_short_waves_become_smaller_as_a_surface_moves(length: float, left: floa
     def wavy(x: np.ndarray) -> np.ndarray:
         return np.asarray(-x[:, 2] + 0.04 * MEMBER * np.cos(wave * x[:, 0]))
 
-    found = surface(beam(MPI.COMM_SELF), wavy)
+    solid_surface = surface(beam(MPI.COMM_SELF), wavy)
     x = np.column_stack([np.linspace(0.05, 0.11, 200), np.zeros((200, 2))])
-    heights = [s.field(x) for s in (found, found.moved(np.zeros(found.n_controls)))]
+    heights = [
+        s.field(x) for s in (solid_surface, solid_surface.moved(np.zeros(solid_surface.n_controls)))
+    ]
     before, after = (np.cos(wave * x[:, 0]) @ (z - z.mean()) for z in heights)
     assert after == pytest.approx(left * before, rel=0.05)
 
@@ -278,12 +283,14 @@ def test_a_bar_at_an_edge_is_as_thick_as_the_ball_amid_it() -> None:
         bar = (1.0 + np.sqrt(2.0)) * radius - np.hypot(x[:, 1] - 0.02, x[:, 2] - 0.02)
         return np.where(np.abs(x[:, 0] - 0.08) < 0.04, bar, 0.02)
 
-    found = surface(beam(MPI.COMM_SELF), quarter)
-    assert found._sides is not None
-    walls = found._sides.walls(found.field, found._slopes, 1.2 * MEMBER, 1.5 * MEMBER)
+    solid_surface = surface(beam(MPI.COMM_SELF), quarter)
+    assert solid_surface._sides is not None
+    walls = solid_surface._sides.walls(
+        solid_surface.field, solid_surface._slopes, 1.2 * MEMBER, 1.5 * MEMBER
+    )
     amid = np.abs(walls.middles[:, 0] - 0.08) < 0.03
     line = np.linspace(0.02, 0.01, 2001)
-    there = found.field(np.column_stack([np.full(2001, 0.08), line, line])) > 0.0
+    there = solid_surface.field(np.column_stack([np.full(2001, 0.08), line, line])) > 0.0
     exact = 2.0 * np.sqrt(2.0) * (0.02 - line[there].min()) / (1.0 + np.sqrt(2.0))
     assert np.count_nonzero(amid) > 20
     np.testing.assert_allclose(walls.thickness[amid], exact, rtol=0.05)
@@ -291,19 +298,19 @@ def test_a_bar_at_an_edge_is_as_thick_as_the_ball_amid_it() -> None:
 
 def test_windows_are_where_they_pay_and_walls_go_on_around_them() -> None:
     """Two in a plate, as far apart as members; none at its edge, nor where they cost."""
-    found = surface(beam(MPI.COMM_SELF), plate(0.9 * MEMBER, 0.0), 0.75 * MEMBER)
+    solid_surface = surface(beam(MPI.COMM_SELF), plate(0.9 * MEMBER, 0.0), 0.75 * MEMBER)
     corners = [0.03, -0.02, -0.004], [0.13, 0.02, 0.004]
     cells = np.random.default_rng(1).uniform(*corners, (40_000, 3))
     places = np.array([[0.06, 0.0, 0.0], [0.1, 0.003, 0.0], [0.032, 0.0, 0.0]])
     changes = np.where(cKDTree(places).query(cells)[0] < 0.004, -1e-4, 1e-4)
-    (opened, count), (fewer, one) = found.pierced(cells, changes)
+    (opened, count), (fewer, one) = solid_surface.pierced(cells, changes)
     assert (count, one) == (2, 1)
-    np.testing.assert_array_equal(found.field(places) > 0.0, [True] * 3)
+    np.testing.assert_array_equal(solid_surface.field(places) > 0.0, [True] * 3)
     np.testing.assert_array_equal(opened.field(places) > 0.0, [False, False, True])
     assert np.count_nonzero(fewer.field(places[:2]) < 0.0) == 1
-    assert opened.walls.least > 0.999 * found.member
-    assert opened.part.volume < fewer.part.volume < found.part.volume
-    assert not list(found.pierced(cells, np.abs(changes)))
+    assert opened.walls.least > 0.999 * solid_surface.member
+    assert opened.part.volume < fewer.part.volume < solid_surface.part.volume
+    assert not list(solid_surface.pierced(cells, np.abs(changes)))
 
 
 def test_balls_that_touch_a_surface() -> None:

@@ -44,8 +44,8 @@ def test_a_radius_that_filters_nothing_is_reported_but_zero() -> None:
     z = waves(domain)
     np.testing.assert_allclose(ffr.design.DensityFilter(domain, 0.0)(z), z, rtol=1e-14)
     for share, radius in ((0.9, "0.0075"), (1.0, "0.008333")):  # at the radius the weight is zero
-        told = rf"radius = {radius} m .* 0\.008333 m, and filters nothing"
-        with pytest.warns(UserWarning, match=told):
+        message = rf"radius = {radius} m .* 0\.008333 m, and filters nothing"
+        with pytest.warns(UserWarning, match=message):
             means = ffr.design.DensityFilter(domain, share * 0.2 / 24)(z)
         np.testing.assert_allclose(means, z, rtol=1e-13)
 

@@ -84,10 +84,10 @@ def machine(domain: ffr.Domain, **options: Any) -> ffr.Problem:
 def slopes(problem: ffr.Problem, made: ffr.DimensionDesign, x: np.ndarray) -> np.ndarray:
     """The derivative of psi by the dimensions, as `optimize` has it."""
     body = problem.flexible["rod"]
-    found = problem.gradient(np.ones(body.domain.n_cells), nodes=True)
-    assert found.nodes is not None and found.centers is not None
+    evaluation = problem.gradient(np.ones(body.domain.n_cells), nodes=True)
+    assert evaluation.nodes is not None and evaluation.centers is not None
     motion = made.motion(body.domain, x, body.marker_nodes)
-    return motion.pullback(found.nodes["rod"], found.centers["rod"])
+    return motion.pullback(evaluation.nodes["rod"], evaluation.centers["rod"])
 
 
 def of_moved_meshes(
@@ -127,15 +127,15 @@ ALONG = np.array([0.3, -0.5, 0.2, 0.9]) * [np.ptp(pair) for pair in BOUNDS.value
 )
 def test_derivative(shape: Callable[..., Any], options: dict[str, Any]) -> None:
     """It is that of meshes that move, to round-off, and of meshes made anew, to their noise."""
-    made = design(shape)
+    dimension_design = design(shape)
 
     def scene(domain: ffr.Domain) -> ffr.Problem:
         return machine(domain, **options)
 
-    x = made.even()
-    exact = slopes(scene(made.domain(MPI.COMM_SELF)), made, x) @ ALONG
-    assert of_moved_meshes(scene, made, ALONG) == pytest.approx(exact, rel=1e-6)
-    ends = [scene(made.domain(MPI.COMM_SELF, x + h * ALONG)) for h in (0.04, -0.04)]
+    x = dimension_design.even()
+    exact = slopes(scene(dimension_design.domain(MPI.COMM_SELF)), dimension_design, x) @ ALONG
+    assert of_moved_meshes(scene, dimension_design, ALONG) == pytest.approx(exact, rel=1e-6)
+    ends = [scene(dimension_design.domain(MPI.COMM_SELF, x + h * ALONG)) for h in (0.04, -0.04)]
     psi = [p.value(np.ones(p.flexible["rod"].domain.n_cells)).psi for p in ends]
     assert (psi[0] - psi[1]) / 0.08 == pytest.approx(exact, rel=0.01)
 
@@ -145,14 +145,14 @@ def test_the_place_of_a_bearing_counts() -> None:
     made, along = design(), np.array([0.0, 0.0, 0.0, 1e-3])
     problem = machine(made.domain(MPI.COMM_SELF))
     body = problem.flexible["rod"]
-    found = problem.gradient(np.ones(body.domain.n_cells), nodes=True)
-    assert found.nodes is not None and found.centers is not None
+    evaluation = problem.gradient(np.ones(body.domain.n_cells), nodes=True)
+    assert evaluation.nodes is not None and evaluation.centers is not None
     motion = made.motion(body.domain, made.even())
     np.testing.assert_allclose(motion.centers[1, :, 3], [0.0, 1.0], atol=1e-6)
-    whole = motion.pullback(found.nodes["rod"], found.centers["rod"]) @ along
-    assert of_moved_meshes(machine, made, along) == pytest.approx(whole, rel=1e-6)
-    part = motion.pullback(found.nodes["rod"], 0.0 * found.centers["rod"]) @ along
-    assert abs(part / whole - 1.0) > 0.1
+    total = motion.pullback(evaluation.nodes["rod"], evaluation.centers["rod"]) @ along
+    assert of_moved_meshes(machine, made, along) == pytest.approx(total, rel=1e-6)
+    part = motion.pullback(evaluation.nodes["rod"], 0.0 * evaluation.centers["rod"]) @ along
+    assert abs(part / total - 1.0) > 0.1
     idle = ffr.DimensionDesign(lever, {**BOUNDS, "idle": (0.0, 1.0)}, size=0.02)
     with pytest.warns(UserWarning, match=r"\['idle'\] move nothing of the body"):
         idle.motion(idle.domain(MPI.COMM_SELF), idle.even())
@@ -184,11 +184,11 @@ def arm(d: Mapping[str, float], model: Any) -> None:
 def test_a_size_in_another_unit_is_refused_before_the_mesh() -> None:
     """Dimensions in millimetres against a size in metres ask for millions of cells."""
     bounds = {"width": (0.03, 0.05), "thickness": (0.01, 0.02), "bearing": (-0.01, 0.01)}
-    made = ffr.DimensionDesign(arm, bounds, size=1.2e-5)
+    dimension_design = ffr.DimensionDesign(arm, bounds, size=1.2e-5)
     with pytest.raises(
         ValueError, match=r"cells of 1\.2e-05 m .*all dimensions in metres: the body"
     ):
-        made.domain(MPI.COMM_SELF)
+        dimension_design.domain(MPI.COMM_SELF)
 
 
 def pendulum(domain: ffr.Domain) -> ffr.Problem:
@@ -215,10 +215,15 @@ def pendulum(domain: ffr.Domain) -> ffr.Problem:
 def test_derivative_in_space(comm: MPI.Intracomm) -> None:
     """Of all ranks together; the meshes that move are of each alone."""
     bounds = {"width": (0.03, 0.06), "thickness": (0.008, 0.02), "bearing": (-0.003, 0.003)}
-    made = ffr.DimensionDesign(arm, bounds, size=0.012, start={"bearing": 1e-3}, order=2)
+    dimension_design = ffr.DimensionDesign(
+        arm, bounds, size=0.012, start={"bearing": 1e-3}, order=2
+    )
     along = np.array([0.3, -0.4, 0.6]) * [np.ptp(pair) for pair in bounds.values()]
-    exact = slopes(pendulum(made.domain(comm)), made, made.even()) @ along
-    assert of_moved_meshes(pendulum, made, along) == pytest.approx(exact, rel=1e-5)
+    exact = (
+        slopes(pendulum(dimension_design.domain(comm)), dimension_design, dimension_design.even())
+        @ along
+    )
+    assert of_moved_meshes(pendulum, dimension_design, along) == pytest.approx(exact, rel=1e-5)
 
 
 @pytest.mark.slow
@@ -227,10 +232,12 @@ def test_sizing(comm: MPI.Intracomm) -> None:
     """Psi falls below a mass that is held; the ranks together do what one of them does alone."""
 
     def run(on: MPI.Comm) -> ffr.Result:
-        made = design(size=0.012)
+        dimension_design = design(size=0.012)
         limit = ffr.Constraint(ffr.Mass("rod"), upper=0.75)
-        problem = machine(made.domain(on), constraints=[limit])
-        return ffr.optimize(problem, made, iterations=6, progress=False, mode_tolerance=None)
+        problem = machine(dimension_design.domain(on), constraints=[limit])
+        return ffr.optimize(
+            problem, dimension_design, iterations=6, progress=False, mode_tolerance=None
+        )
 
     result = run(comm)
     history = result.history
@@ -257,12 +264,14 @@ def test_sizing(comm: MPI.Intracomm) -> None:
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.PartWarning")
 def test_dimensions_of_one_body_beside_densities_of_another() -> None:
     """The lever hangs from a link that is designed by a level set, whose boundary then moves."""
-    made = design(size=0.012)
+    dimension_design = design(size=0.012)
     link = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(40, 4))
     frame = ffr.ChordFrame("left", "right")
     bodies = {
         "link": ffr.FlexibleBody(link, STEEL, frame=frame, modes=3),
-        "rod": ffr.FlexibleBody(made.domain(MPI.COMM_SELF), STEEL, frame=frame, modes=3),
+        "rod": ffr.FlexibleBody(
+            dimension_design.domain(MPI.COMM_SELF), STEEL, frame=frame, modes=3
+        ),
     }
     mechanism = ffr.Mechanism(
         {"link": ffr.Placement((0.0, 0.0)), "rod": ffr.Placement((0.4, 0.0))},
@@ -275,7 +284,7 @@ def test_dimensions_of_one_body_beside_densities_of_another() -> None:
     limit = ffr.Constraint(ffr.Mass("rod"), upper=0.75)
     steps, objective = ffr.GeneralizedAlpha(0.1, 40), ffr.IntegralCompliance()
     problem = ffr.Problem(bodies, mechanism, steps, objective, [limit])
-    designs = {"rod": made, "link": ffr.LevelSet(link)}
+    designs = {"rod": dimension_design, "link": ffr.LevelSet(link)}
     options: dict[str, Any] = {"volume": 0.7, "progress": False, "mode_tolerance": None}
     result = ffr.optimize(problem, designs, iterations=10, boundary=1, **options)
     history = result.history
@@ -285,7 +294,7 @@ def test_dimensions_of_one_body_beside_densities_of_another() -> None:
     assert result.moved is not None and result.psi == result.moved.psi < history["psi"][-1]
     assert result.problem.flexible["rod"].domain is result.moved.problem.flexible["rod"].domain
     # the derivatives are those of each kind
-    x = {"rod": made.even(), "link": np.full(link.n_cells, 0.7)}
+    x = {"rod": dimension_design.even(), "link": np.full(link.n_cells, 0.7)}
     sizing, _ = sized(problem, designs)
     slopes = sizing.differentiate(sizing.value(x)).gradient
     along = {"rod": 0.04 * ALONG, "link": 1e-3 * np.random.default_rng(0).random(link.n_cells)}
@@ -301,22 +310,24 @@ def test_values_without_a_geometry_are_taken_back() -> None:
     fixed = {"start": 0.04, "bore": 0.006, "bearing": 0.0}
 
     def touching(d: Mapping[str, float]) -> dict[str, Any]:
-        found = lever(d | fixed)
-        return found | {"outline": [*found["outline"], bore(0.5 * LENGTH, 0.0, 0.008)]}
+        sizes = lever(d | fixed)
+        return sizes | {"outline": [*sizes["outline"], bore(0.5 * LENGTH, 0.0, 0.008)]}
 
     bounds, start = {"middle": (0.005, 0.04)}, {"middle": 0.024}
-    made = ffr.DimensionDesign(touching, bounds, size=0.01, start=start)
+    dimension_design = ffr.DimensionDesign(touching, bounds, size=0.01, start=start)
     with pytest.raises(ValueError, match=r"no body with middle = 0\.01: .*cross or touch at"):
-        made.domain(MPI.COMM_SELF, [0.01])
-    problem = machine(made.domain(MPI.COMM_SELF), objective=ffr.Mass("rod"))
+        dimension_design.domain(MPI.COMM_SELF, [0.01])
+    problem = machine(dimension_design.domain(MPI.COMM_SELF), objective=ffr.Mass("rod"))
     with pytest.warns(ffr.DesignWarning, match=r"step is taken back.* cross or touch"):
-        result = ffr.optimize(problem, made, iterations=12, progress=False, mode_tolerance=None)
+        result = ffr.optimize(
+            problem, dimension_design, iterations=12, progress=False, mode_tolerance=None
+        )
     history = result.history
     assert np.any(history["accepted"] == 0.0) and np.all(np.diff(history["rod: middle"]) <= 0.0)
     assert result.psi == history["psi"].min()
     least = result.dimensions["rod"]["middle"]
     with pytest.raises(ValueError, match="no body with"):
-        made.domain(MPI.COMM_SELF, [least - 0.03 * 0.035])
+        dimension_design.domain(MPI.COMM_SELF, [least - 0.03 * 0.035])
 
 
 def test_what_is_refused() -> None:
@@ -333,40 +344,40 @@ def test_what_is_refused() -> None:
         ffr.DimensionDesign("lever", BOUNDS, size=0.01)  # type: ignore[arg-type]
 
     def holes(d: Mapping[str, float]) -> dict[str, Any]:
-        found = lever({"start": 0.04, "middle": 0.04, "bore": 0.006, "bearing": 0.0})
+        sizes = lever({"start": 0.04, "middle": 0.04, "bore": 0.006, "bearing": 0.0})
         more = [bore(0.1 * (k + 1), 0.0, 0.005) for k in range(round(d["holes"]))]
-        return found | {"outline": [*found["outline"], *more]}
+        return sizes | {"outline": [*sizes["outline"], *more]}
 
-    made = ffr.DimensionDesign(holes, {"holes": (0.0, 2.0)}, size=0.02)
+    dimension_design = ffr.DimensionDesign(holes, {"holes": (0.0, 2.0)}, size=0.02)
     with pytest.raises(ValueError, match="12 curves and 1 faces, and at the start 16 curves"):
-        made.domain(MPI.COMM_SELF, [0.0])
+        dimension_design.domain(MPI.COMM_SELF, [0.0])
 
     def vanishing(d: Mapping[str, float]) -> dict[str, Any]:
-        found = lever({"start": 0.04, "middle": 0.04, "bore": 0.006, "bearing": 0.0})
+        sizes = lever({"start": 0.04, "middle": 0.04, "bore": 0.006, "bearing": 0.0})
         nowhere = {"right": lambda x: np.hypot(x[0] - LENGTH, x[1]) < d["reach"]}
-        return found | {"interfaces": found["interfaces"] | nowhere}
+        return sizes | {"interfaces": sizes["interfaces"] | nowhere}
 
-    made = ffr.DimensionDesign(vanishing, {"reach": (0.0, 0.014)}, size=0.02)
+    dimension_design = ffr.DimensionDesign(vanishing, {"reach": (0.0, 0.014)}, size=0.02)
     with pytest.raises(ValueError, match=r"reach = 0\.004: interface 'right' has no facets"):
-        made.domain(MPI.COMM_SELF, [0.004])
+        dimension_design.domain(MPI.COMM_SELF, [0.004])
     wrong = ffr.DimensionDesign(lambda d: {"outline": []}, {"a": (0.0, 1.0)}, size=0.01)
     with pytest.raises(ValueError, match=r"no body with a = 0\.5: .*returns \['outline'\]"):
         wrong.domain(MPI.COMM_SELF)
-    made = design(size=0.02)
-    problem = machine(made.domain(MPI.COMM_SELF))
+    dimension_design = design(size=0.02)
+    problem = machine(dimension_design.domain(MPI.COMM_SELF))
     with pytest.raises(ValueError, match="give boundary=0"):
-        ffr.optimize(problem, made, boundary=2, progress=False)
+        ffr.optimize(problem, dimension_design, boundary=2, progress=False)
     others: list[dict[str, Any]] = [{"volume": 0.4}, {"optimizer": ffr.LevelSetEvolution()}]
     for asked in (*others, {"gradient": ffr.paper.ApproximateGradient()}):
         with pytest.raises(ValueError, match="take MMA, the exact gradient, and no volume; bound"):
-            ffr.optimize(problem, made, progress=False, **asked)
+            ffr.optimize(problem, dimension_design, progress=False, **asked)
     with pytest.raises(ValueError, match=r"dimensions are given for \['crank', 'rod'\]"):
-        ffr.optimize(problem, {"rod": made, "crank": made}, progress=False)
-    edge = machine(made.domain(MPI.COMM_SELF), markers={"spot": (-0.0199, 0.005)})
+        ffr.optimize(problem, {"rod": dimension_design, "crank": dimension_design}, progress=False)
+    edge = machine(dimension_design.domain(MPI.COMM_SELF), markers={"spot": (-0.0199, 0.005)})
     with pytest.raises(ffr.SimulationError, match="a marker is in a cell whose boundary moves"):
-        ffr.optimize(edge, made, iterations=1, progress=False)
+        ffr.optimize(edge, dimension_design, iterations=1, progress=False)
     cord = ffr.SpringDamper(("rod", "right"), ffr.Ground((0.3, 0.2)), stiffness=1e3, name="cord")
     mechanism = replace(problem.mechanism, forces=[cord])
     hung = ffr.Problem(problem.bodies, mechanism, problem.integrator, problem.objective)
     with pytest.raises(ValueError, match="'cord' takes its length from the placements"):
-        ffr.optimize(hung, made, progress=False)
+        ffr.optimize(hung, dimension_design, progress=False)

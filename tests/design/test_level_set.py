@@ -196,17 +196,17 @@ def test_sharp_densities_are_what_the_boundary_encloses(comm: MPI.Intracomm) -> 
 def test_a_sharper_design_is_another_object(levelset: ffr.LevelSet) -> None:
     """So is one with its penalty; the level set stays as it was."""
     u = wavy(levelset.knots)
-    before = levelset.density(u)
+    old_density = levelset.density(u)
     steps = [levelset.at(progress) for progress in (0.0, 0.3, 0.6, 1.0)]
     assert [design.sharpness for design in steps] == pytest.approx([1.0, 32.0**0.5, 32.0, 32.0])
     penalties = [design.penalty(u)[0] for design in steps]
     assert penalties[:2] == [0.0, 0.0] and penalties[3] > penalties[2] > 0.0
     gray = [ffr.gray_fraction(levelset.domain, design.density(u)) for design in steps[:3]]
     assert gray[0] > gray[1] > gray[2]
-    assert np.array_equal(levelset.density(u), before)
+    assert np.array_equal(levelset.density(u), old_density)
     # near the end it is analysed a little within its boundary
-    assert np.array_equal(before, steps[-1].nominal.density(u))
-    assert np.all(steps[-1].density(u) <= before)
+    assert np.array_equal(old_density, steps[-1].nominal.density(u))
+    assert np.all(steps[-1].density(u) <= old_density)
     with pytest.raises(ValueError, match="progress must lie between 0 and 1"):
         levelset.at(1.1)
 
@@ -230,13 +230,13 @@ def test_thresholds_are_those_of_a_strip_of_the_minimum_width() -> None:
     domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.1, 0.08, elements=(10, 8))
     levelset = ffr.LevelSet(domain, minimum_member=0.009, minimum_gap=0.012, spacing=0.0013)
     # what is aimed at is 1.3 times what is asked for
-    wanted = 1.3 * levelset.minimum_member / levelset.radius
+    expected = 1.3 * levelset.minimum_member / levelset.radius
 
     def enclosed(width: float) -> float:
         return 2.0 * float(brentq(lambda d: _share(d, width) - 0.5, 0.0, 1.0, xtol=1e-6))
 
     least = brentq(lambda w: _share(0.0, w) - 0.501, 0.1, 0.6)
-    width = brentq(lambda w: enclosed(w) - wanted, least, 0.6, xtol=1e-5)
+    width = brentq(lambda w: enclosed(w) - expected, least, 0.6, xtol=1e-5)
     flat = _share(0.0, width)
     assert 0.5 < flat < 0.6
     assert levelset._solid == pytest.approx(flat, abs=2e-4)

@@ -58,11 +58,11 @@ def test_lines_of_bodies(comm: MPI.Intracomm) -> None:
     """Two of a rectangle on either mesh, four of a square, twelve of a ring, two of a fork."""
     for cell in ("quadrilateral", "triangle"):
         domain = ffr.Domain.rectangle(comm, 0.4, 0.08, elements=(20, 4), cell=cell)
-        found = ffr.mirror_lines(domain)
-        assert angles(found) == [0.0, 90.0]
-        assert len({found[0].point, found[1].point}) == 1
-        assert found[0].point == pytest.approx((0.2, 0.0), abs=1e-14)
-        assert len(set(comm.allgather(repr(found)))) == 1
+        mirrors = ffr.mirror_lines(domain)
+        assert angles(mirrors) == [0.0, 90.0]
+        assert len({mirrors[0].point, mirrors[1].point}) == 1
+        assert mirrors[0].point == pytest.approx((0.2, 0.0), abs=1e-14)
+        assert len(set(comm.allgather(repr(mirrors)))) == 1
     assert angles(ffr.mirror_lines(plate(comm, 8, hole=2))) == [0.0, 45.0, 90.0, 135.0]
     assert len(ffr.mirror_lines(annulus(comm, 24, 3))) == 12
     assert angles(ffr.mirror_lines(prongs(comm))) == [0.0, 90.0]
@@ -115,9 +115,9 @@ def test_lines_of_a_drawing_whatever_its_mesh(comm: MPI.Intracomm) -> None:
     """Triangles have no images; a bolt hole beside a line, smaller than they are, tells."""
     for size in (0.006, 0.003):
         domain = eyes(comm, size)
-        found = ffr.mirror_lines(domain)
-        assert angles(found) == [0.0, 90.0]
-        assert len(ffr.LevelSet(domain, mirrors=found).mirrors) == 2
+        mirrors = ffr.mirror_lines(domain)
+        assert angles(mirrors) == [0.0, 90.0]
+        assert len(ffr.LevelSet(domain, mirrors=mirrors).mirrors) == 2
     assert angles(ffr.mirror_lines(eyes(comm, 0.006, bolt=0.0025))) == [90.0]
 
 

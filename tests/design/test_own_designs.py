@@ -79,11 +79,11 @@ class CrankProblem:
 
     def value(self, p: np.ndarray) -> ffr.Evaluation:
         self.at = p
-        found = self.mechanics.gradient({**self.scene.bodies, "crank": self.body(p)})
-        assert found.derivatives is not None
-        slope = self.body.pullback(p, found.derivatives.integrals["crank"])
+        evaluation = self.mechanics.gradient({**self.scene.bodies, "crank": self.body(p)})
+        assert evaluation.derivatives is not None
+        slope = self.body.pullback(p, evaluation.derivatives.integrals["crank"])
         gradient = {"crank": slope}
-        return ffr.Evaluation(found.psi, {}, {}, {}, {}, {}, {}, gradient=gradient)
+        return ffr.Evaluation(evaluation.psi, {}, {}, {}, {}, {}, {}, gradient=gradient)
 
     def differentiate(self, evaluation: ffr.Evaluation) -> ffr.Evaluation:
         return evaluation

@@ -113,5 +113,5 @@ def test_the_load_of_a_body_that_stands_still(
     mechanism, bodies = held(load)
     motion = ffr.simulate(mechanism, bodies, ffr.RadauIIA(END_TIME, tolerance=1e-6))
     assert motion.weights is not None
-    found = motion.weights @ motion.joint_force("weld")[:, 0] ** 2
-    assert found == pytest.approx(square, rel=error, abs=1e-12)
+    mean_square = motion.weights @ motion.joint_force("weld")[:, 0] ** 2
+    assert mean_square == pytest.approx(square, rel=error, abs=1e-12)

@@ -88,8 +88,10 @@ def test_equations_and_constraints_hold_to_round_off_at_all_times(name: str, rad
         elastic = [trajectory.elastic(name) @ body.K for name, body in model.bodies.items()]
         force = 10.0 * max(force, *(np.max(np.abs(part), initial=0.0) for part in elastic))
     states = zip(*(getattr(trajectory, part) for part in QUANTITIES), strict=True)
-    found = [evaluate_equations(model.arrays, k, *state)[0] for k, state in enumerate(states)]
-    residuals = np.array(found)
+    equations_at_states = [
+        evaluate_equations(model.arrays, k, *state)[0] for k, state in enumerate(states)
+    ]
+    residuals = np.array(equations_at_states)
     assert np.max(np.abs(residuals[:, :n])) < 1e-12 * force
     assert np.max(np.abs(residuals[:, n : n + model.rows])) < 1e-14  # metres, of parts of 0.4 m
     assert np.max(np.abs(residuals[:, n + model.rows :])) < 1e-14 * speed

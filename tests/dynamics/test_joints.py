@@ -32,8 +32,8 @@ def test_block_slides_down_an_incline() -> None:
     )
     mechanism = ffr.Mechanism({"block": ffr.Placement((-0.2, 1.0))}, [rails], gravity=(0.0, -g))
     t = ffr.simulate(mechanism, {"block": disc()}, ffr.GeneralizedAlpha(0.5, 20))
-    way = 0.5 * g * math.sin(slope) * t.t**2
-    exact = np.array([-0.2, 1.0]) + way[:, None] * along
+    distance = 0.5 * g * math.sin(slope) * t.t**2
+    exact = np.array([-0.2, 1.0]) + distance[:, None] * along
     np.testing.assert_allclose(t.rigid("block")[:, :2], exact, atol=1e-13)
     np.testing.assert_allclose(t.rigid("block")[:, 2], 0.0, atol=1e-14)
     # The normal force, and the moment that keeps the marker beside the centre of mass upright.

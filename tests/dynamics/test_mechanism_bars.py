@@ -335,9 +335,9 @@ def test_many_parameters_take_few_calls() -> None:
         forces = [ffr.SpringDamper(END, ffr.Ground((0.9, far - near)), 200.0)]
         return ffr.Mechanism({"arm": ffr.Placement((0.3, 0.0))}, joints, forces=forces)
 
-    given = {f"d{k}": (0.0, -0.1, 0.1) for k in range(30)}
+    settings = {f"d{k}": (0.0, -0.1, 0.1) for k in range(30)}
     joint = {"near": (0.1, 0.0, 0.2), "far": (0.6, 0.5, 0.8), "height": (0.0, -0.1, 0.1)}
-    mechanism = ffr.Parameters(**joint, **given).mechanism(build)
+    mechanism = ffr.Parameters(**joint, **settings).mechanism(build)
     run = ffr.simulate(mechanism, bodies(), ALPHA)
     bar, rng = TrajectoryBar.zeros(run), np.random.default_rng(0)
     bar.multipliers[:] = rng.uniform(-1.0, 1.0, bar.multipliers.shape)
@@ -384,9 +384,9 @@ def test_signals_may_be_of_another_kind_at_other_values() -> None:
         angle = ffr.PrescribedAngle(("arm", "pin"), turn)
         return pendulum(joints=[angle], forces=[ffr.Force(END, push, q)])
 
-    given = {"p": (AT, 0.01, 0.08), "q": (1.0, 0.0, 2.0)}
+    settings = {"p": (AT, 0.01, 0.08), "q": (1.0, 0.0, 2.0)}
     found, plain = (
-        weighed(lambda p, q, s=s: pushed(p, q, plain=s), **given) for s in (False, True)
+        weighed(lambda p, q, s=s: pushed(p, q, plain=s), **settings) for s in (False, True)
     )
     np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-12)
 
@@ -412,8 +412,8 @@ def test_parameters_of_no_influence_are_named() -> None:
         placed = {"arm": ffr.Placement((0.3, 0.0), angular_velocity=spin)}
         return ffr.Mechanism(placed, gravity=(0.0, -used))
 
-    given = {name: (0.5, 0.0, 1.0) for name in ("used", "idle", "spin")}
-    mechanism = ffr.Parameters(**given).mechanism(build)
+    settings = {name: (0.5, 0.0, 1.0) for name in ("used", "idle", "spin")}
+    mechanism = ffr.Parameters(**settings).mechanism(build)
     model = ffr.simulate(mechanism, bodies(), ffr.GeneralizedAlpha(0.1, 2)).model
     assert influence(model) == ["idle"]
 
@@ -445,9 +445,9 @@ def test_period_of_a_pendulum_by_length_and_mass() -> None:
         pin = {"pin": (0.0, length)}
         return point(mass, start, to=pin, joints=[joint], gravity=(0.0, -gravity))
 
-    given = {"length": (length, 0.5, 0.9), "mass": (2.0, 1.0, 3.0)}
+    settings = {"length": (length, 0.5, 0.9), "mass": (2.0, 1.0, 3.0)}
     quarter = ffr.RadauIIA(0.25 * period, steps=60)
-    angle, speed, slopes = coordinate(swinging, (-1, 2), quarter, **given)
+    angle, speed, slopes = coordinate(swinging, (-1, 2), quarter, **settings)
     assert abs(angle) < 1e-9
     assert -4.0 * slopes[0] / speed == pytest.approx(0.5 * period / length, rel=1e-8)
     assert abs(slopes[1]) < 1e-9
@@ -469,8 +469,8 @@ def test_spring_and_mass_by_stiffness_damping_and_mass() -> None:
             0.2 * np.exp(-decay * end) * (np.cos(omega * end) + decay / omega * np.sin(omega * end))
         )
 
-    given = {n: (v, 0.5 * v, 2.0 * v) for n, v in zip("kdm", values, strict=True)}
-    at, _, slopes = coordinate(swinging, (-1, 0), ffr.RadauIIA(end, steps=60), **given)
+    settings = {n: (v, 0.5 * v, 2.0 * v) for n, v in zip("kdm", values, strict=True)}
+    at, _, slopes = coordinate(swinging, (-1, 0), ffr.RadauIIA(end, steps=60), **settings)
     assert at == pytest.approx(closed(*values).real, rel=1e-9)
     for slope, step in zip(slopes, 1e-30j * np.eye(3), strict=True):
         assert slope == pytest.approx(closed(*(values + step)).imag / 1e-30, rel=1e-8)

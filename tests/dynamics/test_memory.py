@@ -41,11 +41,11 @@ def test_the_estimate_is_that_of_the_arrays(integrator: Integrator) -> None:
         evaluation = problem.value(bodies)
         value = tracemalloc.get_traced_memory()[1]
         problem.differentiate(evaluation)
-        whole = tracemalloc.get_traced_memory()[1]
+        peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
     assert 1 / 1.5 < value / required_memory(integrator, modes) < 1.5
-    assert 1 / 1.5 < whole / required_memory(integrator, modes, adjoint=True) < 1.5
+    assert 1 / 1.5 < peak / required_memory(integrator, modes, adjoint=True) < 1.5
 
 
 def test_limits_of_a_process_are_not_shared(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,8 +53,8 @@ def test_limits_of_a_process_are_not_shared(monkeypatch: pytest.MonkeyPatch) -> 
     machine = available_memory()
     assert available_memory(4) == machine // 4
     monkeypatch.setattr("resource.getrlimit", lambda kind: (machine // 8, machine))
-    found = [available_memory(processes) for processes in (1, 4, 16)]
-    assert found == [machine // 8, machine // 8, machine // 16]
+    values = [available_memory(processes) for processes in (1, 4, 16)]
+    assert values == [machine // 8, machine // 8, machine // 16]
 
 
 @pytest.mark.mpi

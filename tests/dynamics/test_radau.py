@@ -95,13 +95,13 @@ def test_pendulum_keeps_its_energy_over_a_long_time() -> None:
 
 def test_steps_that_were_taken_can_be_taken_again() -> None:
     scene = slider_crank()
-    first = run(scene, tolerance=1e-5)
-    again = run(scene, steps=first.step_ends)
-    np.testing.assert_array_equal(first.t, again.t)
-    scale = np.max(np.abs(first.w), axis=0)
-    assert np.max(np.abs(first.w - again.w) / scale) < 1e-9
+    adaptive = run(scene, tolerance=1e-5)
+    again = run(scene, steps=adaptive.step_ends)
+    np.testing.assert_array_equal(adaptive.t, again.t)
+    scale = np.max(np.abs(adaptive.w), axis=0)
+    assert np.max(np.abs(adaptive.w - again.w) / scale) < 1e-9
     # The sizes of the motion are those of the run itself, not also those of the one before it.
-    assert again.error == pytest.approx(first.error, rel=1e-2)
+    assert again.error == pytest.approx(adaptive.error, rel=1e-2)
 
 
 def test_forces_that_no_steps_follow_are_left_out_and_that_is_said() -> None:
@@ -187,8 +187,8 @@ def test_weights_integrate_polynomials_exactly() -> None:
     for power in range(5):
         exact = 0.1 ** (power + 1) / (power + 1)
         assert trajectory.weights @ trajectory.t**power == pytest.approx(exact, rel=1e-12)
-    whole = stage_integrals(np.array([1.0]))[0]
-    np.testing.assert_allclose(whole @ NODES[:, None] ** np.arange(3), 1.0 / np.arange(1, 4))
+    over_a_step = stage_integrals(np.array([1.0]))[0]
+    np.testing.assert_allclose(over_a_step @ NODES[:, None] ** np.arange(3), 1.0 / np.arange(1, 4))
 
 
 def test_a_window_may_cut_steps() -> None:

@@ -32,8 +32,11 @@ CASES: dict[str, Callable[[], Case]] = {
 
 def towards_others(bodies: Bodies, seed: int, make: Make) -> Bodies:
     """A change of all integrals, to those of other bodies."""
-    others = {"one": make(bodies["one"].modes, seed), "two": make(bodies["two"].modes, seed + 1)}
-    return {name: others[name] + body.scaled(-1.0) for name, body in bodies.items()}
+    other_settings = {
+        "one": make(bodies["one"].modes, seed),
+        "two": make(bodies["two"].modes, seed + 1),
+    }
+    return {name: other_settings[name] + body.scaled(-1.0) for name, body in bodies.items()}
 
 
 def only(direction: Bodies, part: str) -> Bodies:

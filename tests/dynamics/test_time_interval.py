@@ -58,9 +58,9 @@ def chosen(interval: ffr.TimeInterval, *args: Any, damped: bool = True, **option
 def test_cheaper_method_with_enough_steps_is_chosen() -> None:
     interval = ffr.TimeInterval(2.0, tolerance=1e-4)
     # (20 / 200)^5 = 1e-5 and (20 / 100)^5 = 3e-4
-    found = chosen(interval, 20.0, 100.0)
-    assert found.integrator == ffr.RadauIIA(2.0, steps=200) and found.met and not found.rings
-    assert found.integrator.chosen_for == 1e-4
+    steps = chosen(interval, 20.0, 100.0)
+    assert steps.integrator == ffr.RadauIIA(2.0, steps=200) and steps.met and not steps.rings
+    assert steps.integrator.chosen_for == 1e-4
     # 250 steps for the error of (2 / 250)^2 cost less than those 200
     assert chosen(interval, 20.0, 2.0).integrator == ffr.GeneralizedAlpha(2.0, 250)
     # coarse steps need not lead to a motion
@@ -70,24 +70,24 @@ def test_cheaper_method_with_enough_steps_is_chosen() -> None:
 def test_vibrations_that_radau_loses() -> None:
     """Any number of its steps that lose them agree; those of a method that keeps them do not."""
     interval = ffr.TimeInterval(2.0, tolerance=1e-4)
-    found = chosen(interval, 1.0, 0.1, damped=False, rings=0.5)
-    assert found.integrator == ffr.GeneralizedAlpha(2.0, 250, 1.0)
-    assert found.rings and found.met and found.error < 1e-4
+    steps = chosen(interval, 1.0, 0.1, damped=False, rings=0.5)
+    assert steps.integrator == ffr.GeneralizedAlpha(2.0, 250, 1.0)
+    assert steps.rings and steps.met and steps.error < 1e-4
     # where the machine damps them, neither method is believed before both agree
-    found = chosen(interval, 1.0, 0.1, rings=0.5, until=900)
-    assert found.rings and found.met
-    assert found.integrator == ffr.GeneralizedAlpha(2.0, 1000)
+    steps = chosen(interval, 1.0, 0.1, rings=0.5, until=900)
+    assert steps.rings and steps.met
+    assert steps.integrator == ffr.GeneralizedAlpha(2.0, 1000)
     # and where they never do, that is told
-    found = chosen(interval, 1.0, 0.1, rings=0.5)
-    assert not found.met and found.error == pytest.approx(0.5 / 1.0, rel=0.5)
-    assert "vibrations contribute" in found.doubt and "StaticEquilibrium" in found.doubt
+    steps = chosen(interval, 1.0, 0.1, rings=0.5)
+    assert not steps.met and steps.error == pytest.approx(0.5 / 1.0, rel=0.5)
+    assert "vibrations contribute" in steps.doubt and "StaticEquilibrium" in steps.doubt
 
 
 def test_tolerance_out_of_reach() -> None:
     interval = ffr.TimeInterval(2.0, tolerance=1e-4)
-    found = chosen(interval, 1e9, 1e9)
-    assert not found.met and found.error > 1e-4
-    assert "estimated error is" in found.doubt
+    steps = chosen(interval, 1e9, 1e9)
+    assert not steps.met and steps.error > 1e-4
+    assert "estimated error is" in steps.doubt
     with pytest.raises(ffr.SimulationError, match="no motion with"):
         chosen(interval, 20.0, 100.0, failing=10**9)
     with pytest.raises(ValueError, match="tolerance"):
@@ -141,11 +141,13 @@ def test_error_is_below_the_tolerance(objective: Any) -> None:
     chosen = problem.with_chosen_steps(scene.bodies)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = problem.gradient(scene.bodies)
-    assert found.trajectory is not None and found.trajectory.integrator == chosen.integrator
+        evaluation = problem.gradient(scene.bodies)
+    assert (
+        evaluation.trajectory is not None and evaluation.trajectory.integrator == chosen.integrator
+    )
     exact = ffr.MechanicalProblem(scene.mechanism, ffr.RadauIIA(0.4, steps=3200), objective)
-    assert found.psi == pytest.approx(exact.value(scene.bodies).psi, rel=1e-3)
-    assert found.psi == chosen.value(scene.bodies).psi
+    assert evaluation.psi == pytest.approx(exact.value(scene.bodies).psi, rel=1e-3)
+    assert evaluation.psi == chosen.value(scene.bodies).psi
     assert chosen.with_chosen_steps(scene.bodies) is chosen
     finer = replace(problem, integrator=ffr.TimeInterval(0.4, 1e-5)).with_chosen_steps(scene.bodies)
     assert problem.with_tolerance(scene.bodies, 1e-5).integrator == finer.integrator

@@ -116,8 +116,8 @@ def test_commands_and_demos_execute_no_mesh(
         scene.write_text(new)
         with pytest.raises((ValueError, SystemExit)) as caught:
             main([way, "slider_crank.toml"])
-    told = f"{caught.value}{capsys.readouterr().err}"
-    assert "would execute such a file" in told
+    message = f"{caught.value}{capsys.readouterr().err}"
+    assert "would execute such a file" in message
     assert not list(tmp_path.rglob("executed"))
 
 

@@ -276,9 +276,9 @@ def test_what_is_missing(comm: MPI.Comm, shared_tmp_path: Path) -> None:
         ("rod.dxf", {"size": 0.0}, ValueError, "size must be positive"),
     ]
     for name, options, error, message in faults:
-        given = {"interfaces": {"a": left}, "size": 0.01, "unit": "mm", **options}
+        settings = {"interfaces": {"a": left}, "size": 0.01, "unit": "mm", **options}
         with pytest.raises(error, match=message):
-            Domain.from_outline(comm, shared_tmp_path / name, **given)
+            Domain.from_outline(comm, shared_tmp_path / name, **settings)
 
 
 def test_a_ring_of_pieces() -> None:

@@ -276,8 +276,8 @@ def test_a_unit_slip_is_refused_before_the_mesh(comm: MPI.Comm, tmp_path: Path) 
             entity.transform(Matrix44.scale(25.4))
 
     path = drawn(tmp_path / "plate.dxf", draw)
-    said = r"triangles of 0\.004 m .*right unit= of the drawing, which is 2\.54 m x 0\.508 m now"
-    with pytest.raises(ValueError, match=said):
+    message = r"triangles of 0\.004 m .*right unit= of the drawing, which is 2\.54 m x 0\.508 m now"
+    with pytest.raises(ValueError, match=message):
         Domain.from_outline(
             comm, path, interfaces={"a": Bore((0.508, 0.254))}, size=0.004, unit=None, gap=0.0
         )

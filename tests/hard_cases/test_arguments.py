@@ -368,9 +368,9 @@ class Scene:
         bounds = (*LIST, ffr.Constraint(mass, 1.0), [mass], [1.0])
         of_motion = "mechanism integrator objective"
         yield row(ffr.MechanicalProblem, of_motion, constraints=bounds)
-        own = {"bodies": {"rod": self.body}}
+        settings = {"bodies": {"rod": self.body}}
         bodies = (*MAPPING, {}, {"rod": None}, {"rod": self.rod}, self.body, self.bodies)
-        yield row(ffr.Problem, of_motion, own, constraints=bounds, bodies=bodies)
+        yield row(ffr.Problem, of_motion, settings, constraints=bounds, bodies=bodies)
         for combine in (ffr.WeightedSum, ffr.WorstCase):
             yield row(combine, "weights")
         yield row(ffr.PowerMean, "weights", p=(*NUMBER, 0.5))
@@ -378,7 +378,7 @@ class Scene:
         yield row(
             ffr.Problem.of_load_cases,
             "",
-            {**own, "load_cases": {"a": motion, "b": motion}},
+            {**settings, "load_cases": {"a": motion, "b": motion}},
             bodies=bodies,
             load_cases=(*MAPPING, {}, {"a": None}, {"a": self.problem}, motion, [motion]),
             combine=(1.0, "sum", ffr.WeightedSum, np.sum, ffr.WorstCase({"a": 1.0})),

@@ -183,13 +183,13 @@ def test_psi_and_gradient_pass_on_continuously(
 ) -> None:
     """A fork on a hub that swings: one prong becomes the softer one."""
     body, upper = fork(comm, modes)
-    still = ffr.Motion.constant(0.0)
+    rest_motion = ffr.Motion.constant(0.0)
     swing = ffr.Motion(
         lambda t: 0.3 * np.sin(40.0 * t),
         lambda t: 12.0 * np.cos(40.0 * t),
         lambda t: -480.0 * np.sin(40.0 * t),
     )
-    weld = ffr.Weld(("fork", "root"), ffr.Moving(still, still, swing, "hub"), angle=0.0)
+    weld = ffr.Weld(("fork", "root"), ffr.Moving(rest_motion, rest_motion, swing, "hub"), angle=0.0)
     mechanism = ffr.Mechanism({"fork": ffr.Placement((0.0, 0.0))}, [weld])
     problem = ffr.Problem({"fork": body}, mechanism, integrator, ffr.IntegralCompliance())
     step = 2e-5

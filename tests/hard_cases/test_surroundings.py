@@ -186,11 +186,11 @@ class Hasty(Copy):
     """A problem whose motions are too fast for their steps, of each design by another number."""
 
     def value(self, x: np.ndarray) -> Any:
-        found = super().value(x)
+        evaluation = super().value(x)
         for name in ("link 1", "link 2"):
             text = f"body {name!r} is deformed by {0.05 + 1e-3 * self.calls:.2g} of its length"
             warnings.warn(text, ffr.LargeDeformationWarning, stacklevel=1)
-        return found
+        return evaluation
 
 
 @pytest.mark.parametrize("progress", [True, False])
@@ -304,8 +304,10 @@ def test_without_fenics_one_is_told_where_it_comes_from() -> None:
     program = "import sys; sys.modules['mpi4py'] = None; import dolfinx_ffr; dolfinx_ffr.Domain"
     done = processes.run("-c", program)
     assert done.returncode == 1
-    said = r"ModuleNotFoundError: dolfinx_ffr\.Domain needs mpi4py, .* Debian or from conda-forge"
-    assert re.match(said, done.stderr.splitlines()[-1]), done.stderr
+    message = (
+        r"ModuleNotFoundError: dolfinx_ffr\.Domain needs mpi4py, .* Debian or from conda-forge"
+    )
+    assert re.match(message, done.stderr.splitlines()[-1]), done.stderr
 
 
 def test_a_rank_makes_a_body_of_its_own() -> None:

@@ -153,8 +153,10 @@ def mass_on_a_spring(
 def stiff_spring(rng: np.random.Generator) -> Scene:
     """A rigid mass that a stiff spring pulls along a rail."""
     frequency, end_time = float(rng.uniform(50.0, 400.0)), 0.1
-    still = ffr.Motion.constant(0.0)
-    end = ffr.Moving(ffr.Motion.polynomial([0.5, float(rng.uniform(0.1, 1.0))]), still, still)
+    rest_motion = ffr.Motion.constant(0.0)
+    end = ffr.Moving(
+        ffr.Motion.polynomial([0.5, float(rng.uniform(0.1, 1.0))]), rest_motion, rest_motion
+    )
     damping = float(rng.choice([0.0, 20.0]))
     spring = ffr.SpringDamper(("mass", "pin"), end, (2.0 * math.pi * frequency) ** 2, damping, 0.5)
     return Scene(*mass_on_a_spring(spring), end_time, int(400 * frequency * end_time), "pin")

@@ -139,10 +139,10 @@ def proof_mass(comm: MPI.Intracomm, units: Units) -> tuple[float, np.ndarray]:
     )
     integrator = ffr.GeneralizedAlpha(5e-5 * units.factor(TIME), 24)
     problem = ffr.Problem(bodies, mechanism, integrator, ffr.IntegralCompliance())
-    found = problem.gradient(np.full(beam.n_cells, 0.9))
-    assert found.gradient is not None
+    evaluation = problem.gradient(np.full(beam.n_cells, 0.9))
+    assert evaluation.gradient is not None
     scale = units.factor(COMPLIANCE)
-    return found.psi / scale, found.gradient["beam"] / scale
+    return evaluation.psi / scale, evaluation.gradient["beam"] / scale
 
 
 @pytest.mark.slow

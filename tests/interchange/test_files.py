@@ -92,9 +92,9 @@ def test_what_a_format_cannot_hold_is_said(tmp_path: Path, name: str) -> None:
         warnings.simplefilter("always")
         whole(2).save(tmp_path / "a", format=name, damping=damping)
         body.save(tmp_path / "b", format=name)
-    told = "".join(str(w.message) for w in caught if w.category is InterchangeWarning)
+    messages = "".join(str(w.message) for w in caught if w.category is InterchangeWarning)
     for feature in ("geometric stiffening", "axes of markers", "damping"):
-        assert (feature in told) == (feature not in holds)
+        assert (feature in messages) == (feature not in holds)
 
 
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.interchange.InterchangeWarning")
@@ -168,13 +168,13 @@ def test_three_hundred_damaged_files(tmp_path: Path, name: str) -> None:
     for _ in range(300):
         path.write_bytes(damaged(content, rng))
         try:
-            found = VolumeIntegrals.load(path, format=name)
+            loaded = VolumeIntegrals.load(path, format=name)
         except ValueError as error:
             assert str(path) in str(error)
             refused += 1
             continue
-        renamed = dict(zip(body.markers, found.markers.values(), strict=True))
-        assert_same(replace(found, markers=renamed), held_by(body, FORMATS[name].holds))
+        renamed = dict(zip(body.markers, loaded.markers.values(), strict=True))
+        assert_same(replace(loaded, markers=renamed), held_by(body, FORMATS[name].holds))
     assert refused > 250
 
 

@@ -102,19 +102,19 @@ def test_matrices_make_the_body_of_their_mesh(tmp_path: Path, way: str) -> None:
     elif way != "arrays":
         write_abaqus(tmp_path, matrices, way == "labels")
         matrices = read_mtx(tmp_path)
-    found = reduce_matrices(
+    reduced = reduce_matrices(
         matrices, interfaces=["left", "right"], mass=7850 * 0.4 * 0.04 * 0.03, **CHORD
     )
-    wanted = solid(body).integrals
-    np.testing.assert_allclose(np.diag(found.K)[-3:], np.diag(wanted.K)[-3:], rtol=1e-9)
+    expected = solid(body).integrals
+    np.testing.assert_allclose(np.diag(reduced.K)[-3:], np.diag(expected.K)[-3:], rtol=1e-9)
     # modes have no sign
-    assert found.P is not None and wanted.P is not None
-    signs = np.array([1.0, *np.sign(np.einsum("jmn,jmn->j", found.P[1:, 0], wanted.P[1:, 0]))])
-    turned = signs[:, None, None, None] * signs[:, None, None] * found.P
-    np.testing.assert_allclose(turned, wanted.P, atol=1e-8 * np.abs(wanted.P).max())
-    for name, point in wanted.markers.items():
-        np.testing.assert_allclose(found.markers[name].position, point.position, atol=1e-12)
-        shapes = found.markers[name].displacement
+    assert reduced.P is not None and expected.P is not None
+    signs = np.array([1.0, *np.sign(np.einsum("jmn,jmn->j", reduced.P[1:, 0], expected.P[1:, 0]))])
+    turned = signs[:, None, None, None] * signs[:, None, None] * reduced.P
+    np.testing.assert_allclose(turned, expected.P, atol=1e-8 * np.abs(expected.P).max())
+    for name, point in expected.markers.items():
+        np.testing.assert_allclose(reduced.markers[name].position, point.position, atol=1e-12)
+        shapes = reduced.markers[name].displacement
         np.testing.assert_allclose(shapes, point.displacement, atol=1e-12)
 
 

@@ -35,10 +35,10 @@ def assert_free_body(
     """Six motions without strain, the mass along all axes, and our frequencies of the free body."""
     whole, inner = body.mass_matrix(), np.zeros((6 + body.modes, 6 + body.modes))
     inner[6:, 6:] = body.K
-    wanted = scipy.linalg.eigh(inner, whole, eigvals_only=True)
+    expected = scipy.linalg.eigh(inner, whole, eigvals_only=True)
     found = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
     assert np.all(np.abs(found[:6]) < 1e-8 * found[6])
-    np.testing.assert_allclose(found[6:], wanted[6:], rtol=digits)
+    np.testing.assert_allclose(found[6:], expected[6:], rtol=digits)
     along = np.zeros((len(mass), 3))
     for k in range(2):
         along[6 * k : 6 * k + 3] = np.eye(3)
@@ -47,10 +47,10 @@ def assert_free_body(
 
 def test_simscape(body: ffr.VolumeIntegrals, tmp_path: Path) -> None:
     body.save(tmp_path / "rod.mat")
-    found = scipy.io.loadmat(tmp_path / "rod.mat")
-    np.testing.assert_allclose(found["origins"], [[0, 0, 0], [0.4, 0, 0]], atol=1e-12)
-    assert found["K"].shape == (15, 15)
-    assert_free_body(body, found["M"], found["K"])
+    arrays = scipy.io.loadmat(tmp_path / "rod.mat")
+    np.testing.assert_allclose(arrays["origins"], [[0, 0, 0], [0.4, 0, 0]], atol=1e-12)
+    assert arrays["K"].shape == (15, 15)
+    assert_free_body(body, arrays["M"], arrays["K"])
     with pytest.raises(ValueError, match="from which no body that turns can be made"):
         ffr.VolumeIntegrals.load(tmp_path / "rod.mat")
     with pytest.raises(ValueError, match="shape functions of a superelement"):
@@ -76,8 +76,8 @@ def test_matrices_of_nastran(tmp_path: Path, way: str) -> None:
     model, path = bdf.BDF(debug=None), tmp_path / "bar.bdf"
     for k, place in enumerate(matrices.nodes):
         model.add_grid(2 * k + 1, place)
-    given = {"KAAX": matrices.stiffness, "MAAX": matrices.mass}
-    for name, matrix in given.items() if way == "dmig" else ():
+    settings = {"KAAX": matrices.stiffness, "MAAX": matrices.mass}
+    for name, matrix in settings.items() if way == "dmig" else ():
         entries = np.argwhere(np.tril(matrix.toarray()))
         labels = [(int(2 * (k // 3) + 1), int(k % 3 + 1)) for k in range(matrices.nodes.size)]
         rows, columns = ([labels[k] for k in index] for index in entries.T)
@@ -89,11 +89,11 @@ def test_matrices_of_nastran(tmp_path: Path, way: str) -> None:
         from pyNastran.op4.op4 import OP4
 
         options["op4"] = tmp_path / "bar.op4"
-        whole = {name: (6, matrix.toarray()) for name, matrix in given.items()}
+        whole = {name: (6, matrix.toarray()) for name, matrix in settings.items()}
         OP4(debug=False).write_op4(str(options["op4"]), whole, is_binary=False)
-    found = read_nastran(path, **options)
-    assert_near(found, matrices, 1e-9)
-    assert found.node_sets.keys() == matrices.node_sets.keys()
+    matrices_read = read_nastran(path, **options)
+    assert_near(matrices_read, matrices, 1e-9)
+    assert matrices_read.node_sets.keys() == matrices.node_sets.keys()
     target, rng, refused = options.get("op4", path), np.random.default_rng(3), 0
     content = target.read_bytes()
     for _ in range(20):

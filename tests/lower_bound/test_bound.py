@@ -51,10 +51,10 @@ def test_a_hanging_bar(ratio: float) -> None:
         "gravity": (gravity, 0.0),
         "start": ffr.StaticEquilibrium(),
     }
-    found = ffr.bound(bar(hanging, ffr.GeneralizedAlpha(1.0, 4)), volume=mean)
+    bound = ffr.bound(bar(hanging, ffr.GeneralizedAlpha(1.0, 4)), volume=mean)
     optimum = (mass * gravity) ** 2 / stiffness * ratio * (1.0 + ratio)
-    assert 0.99 * optimum < found.psi < optimum
-    assert found.sheet_volume["bar"] < mean * (1.0 + 1e-9)
+    assert 0.99 * optimum < bound.psi < optimum
+    assert bound.sheet_volume["bar"] < mean * (1.0 + 1e-9)
 
 
 # the steps damp the vibrations away that the sudden start excites
@@ -82,9 +82,9 @@ def test_a_spinning_bar(ratio: float, share: float, largest: float) -> None:
         "point_masses": [ffr.PointMass(("bar", "right"), ratio * mass)],
     }
     problem = bar(turning, ffr.GeneralizedAlpha(1.0, 400, spectral_radius=0.0))
-    found = ffr.bound(problem, volume=mean)
+    bound = ffr.bound(problem, volume=mean)
     even = (mass * speed**2) ** 2 / stiffness * (ratio**2 + 2.0 * ratio / 3.0 + 2.0 / 15.0)
-    assert 0.99 * share * even < found.psi < share * even
+    assert 0.99 * share * even < bound.psi < share * even
 
 
 @pytest.fixture(scope="module")
@@ -96,10 +96,10 @@ def rod() -> ffr.Problem:
 @pytest.mark.slow
 def test_a_hundred_random_parts_on_a_finer_mesh_are_above(rod: ffr.Problem) -> None:
     """They are solid where the sheet is thick, but for waves: torn ones and ones that come near."""
-    found = ffr.bound(rod)
+    bound = ffr.bound(rod)
     fine = slider_crank(MPI.COMM_SELF, (80, 8), modes=1)
     domain, coarse = fine.flexible["rod"].domain, rod.flexible["rod"].domain
-    thick = found.sheet["rod"][cKDTree(coarse.centroids).query(domain.centroids)[1]]
+    thick = bound.sheet["rod"][cKDTree(coarse.centroids).query(domain.centroids)[1]]
     full = fine.value(np.ones(domain.n_cells))
     bodies = {"rod": StaticBody(fine.flexible["rod"])}
     cases = {name: Driven(fine, full, name) for name in fine.load_cases}
@@ -113,7 +113,7 @@ def test_a_hundred_random_parts_on_a_finer_mesh_are_above(rod: ffr.Problem) -> N
         solid = (level > random.uniform(0.0, 0.6)) | domain.solid_cells
         state = QuasiStatic.at(bodies, cases, {"rod": solid.astype(np.float64)})
         values += state.psi.values()
-    assert found.psi < min(values) < 2.0 * found.psi
+    assert bound.psi < min(values) < 2.0 * bound.psi
 
 
 @pytest.fixture(scope="module")
@@ -140,8 +140,8 @@ def test_designs_are_above(rod: ffr.Problem, least: float, start: str) -> None:
 def test_sheet_and_bound_close_up_as_meshes_are_refined() -> None:
     gaps = []
     for elements in ((20, 2), (40, 4), (80, 8)):
-        found = ffr.bound(slider_crank(MPI.COMM_SELF, elements, modes=2))
-        gaps.append(found.sheet_psi / found.psi - 1.0)
+        bound = ffr.bound(slider_crank(MPI.COMM_SELF, elements, modes=2))
+        gaps.append(bound.sheet_psi / bound.psi - 1.0)
     assert 0.0 < gaps[2] < 0.6 * gaps[1] < 0.36 * gaps[0]
 
 
@@ -209,8 +209,8 @@ def three_load_cases_of_compliance(
 @pytest.mark.parametrize("combine", [ffr.WeightedSum(), ffr.PowerMean(p=4.0), ffr.WorstCase()])
 def test_several_load_cases(combine: ffr.Combination) -> None:
     """The bound of all together is below the sheet's psi, and near it, whatever combines them."""
-    found = ffr.bound(three_load_cases_of_compliance(MPI.COMM_SELF, combine))
-    assert 0.9 * found.sheet_psi < found.psi < found.sheet_psi
+    bound = ffr.bound(three_load_cases_of_compliance(MPI.COMM_SELF, combine))
+    assert 0.9 * bound.sheet_psi < bound.psi < bound.sheet_psi
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
@@ -234,11 +234,11 @@ def test_what_stays_solid_and_the_volume_raise_the_bound(rod: ffr.Problem) -> No
         domain=ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(40, 4), solid_columns=0),
         frame=ffr.ChordFrame("left", "right"),
     )
-    found = ffr.bound(rod)
-    assert found.psi > ffr.bound(free).psi
+    bound = ffr.bound(rod)
+    assert bound.psi > ffr.bound(free).psi
     less = ffr.bound(rod, volume=0.3)
-    assert less.psi > found.psi
-    assert less.sheet_volume["rod"] <= 0.3 * (1.0 + 1e-9) < found.sheet_volume["rod"]
+    assert less.psi > bound.psi
+    assert less.sheet_volume["rod"] <= 0.3 * (1.0 + 1e-9) < bound.sheet_volume["rod"]
 
 
 def refused(case: str) -> ffr.Problem:

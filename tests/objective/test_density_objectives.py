@@ -60,13 +60,13 @@ def test_taylor_order_as_objective_and_as_constraint(
     problem = four_bar(
         comm, objective, constraints=[ffr.Constraint(objective, upper=scale, name="bound")]
     )
-    found = problem.gradient(x)
+    evaluation = problem.gradient(x)
     # of the same evaluation: on several ranks another one differs by the order of MUMPS's sums
-    expected = found.psi / scale - 1.0
-    assert found.constraints["bound"].violation == pytest.approx(expected, abs=1e-14)
+    expected = evaluation.psi / scale - 1.0
+    assert evaluation.constraints["bound"].violation == pytest.approx(expected, abs=1e-14)
     slopes = [
         comm.allreduce(sum(float(each.gradient[name] @ d) for name, d in direction.items()))
-        for each in (found, found.constraints["bound"])
+        for each in (evaluation, evaluation.constraints["bound"])
     ]
     assert slopes[1] == pytest.approx(slopes[0] / scale, rel=1e-9)
     check_gradient(problem, x, direction, taylor=4e-3, roundoff=1e-14)
@@ -82,27 +82,27 @@ def test_nothing_is_simulated_for_densities(
     monkeypatch.setattr("dolfinx_ffr.problem.spread.integrate", refuse)
     problem = four_bar(comm, ffr.Volume("coupler") + 0.5 * Grayness("rocker"))
     x = waves(problem)
-    found = problem.gradient(x)
-    assert not found.simulated
+    evaluation = problem.gradient(x)
+    assert not evaluation.simulated
     with pytest.raises(ValueError, match="there is no trajectory: nothing was simulated"):
-        _ = found.trajectory
+        _ = evaluation.trajectory
     volume = problem.flexible["coupler"].volume(x["coupler"])
     rocker = problem.flexible["rocker"].domain
     gray = rocker.sum(rocker.cell_volumes * x["rocker"] * (1.0 - x["rocker"]))
-    assert found.psi == pytest.approx(volume[0] + 0.5 * gray, rel=1e-14)
-    assert found.gradient is not None
-    np.testing.assert_allclose(found.gradient["coupler"], volume[1], rtol=1e-14)
+    assert evaluation.psi == pytest.approx(volume[0] + 0.5 * gray, rel=1e-14)
+    assert evaluation.gradient is not None
+    np.testing.assert_allclose(evaluation.gradient["coupler"], volume[1], rtol=1e-14)
 
 
 @pytest.mark.mpi
 def test_elements_one_by_one_see_the_densities(comm: MPI.Intracomm) -> None:
     problem = four_bar(comm, ffr.IntegralCompliance() + 1e-3 * Grayness("rocker"))
     x = waves(problem)
-    found = problem.gradient(x)
-    assert found.gradient is not None
+    evaluation = problem.gradient(x)
+    assert evaluation.gradient is not None
     cells = {"rocker": np.arange(0, problem.flexible["rocker"].domain.n_cells, 7)}
-    single = ffr.paper.elementwise_gradient(problem, found, cells, progress=False)["rocker"]
-    exact = found.gradient["rocker"][single.cells]
+    single = ffr.paper.elementwise_gradient(problem, evaluation, cells, progress=False)["rocker"]
+    exact = evaluation.gradient["rocker"][single.cells]
     np.testing.assert_allclose(single.values, exact, atol=1e-8 * np.max(np.abs(exact), initial=0.0))
 
 
@@ -150,13 +150,13 @@ def test_volume_of_regions(comm: MPI.Intracomm) -> None:
         [ffr.Constraint(ffr.Volume("bar", mask), 0.5, name=name) for name, mask in sides.items()],
     )
     x = np.where(domain.design_cells, 0.6, domain.passive_density)
-    found = problem.gradient(x)
-    shares = {name: bound.value for name, bound in found.constraints.items()}
+    evaluation = problem.gradient(x)
+    shares = {name: bound.value for name, bound in evaluation.constraints.items()}
     assert shares["left"] == pytest.approx((2 * 1.0 + 8 * 0.6) / 10, rel=1e-13)
     assert shares["right"] == pytest.approx((2 * 1.0 + 5 * 0.6) / 10, rel=1e-13)
     assert shares["void"] == 0.0
-    assert found.psi == pytest.approx(0.5 * (shares["left"] + shares["right"]), rel=1e-13)
-    left = found.constraints["left"].gradient
+    assert evaluation.psi == pytest.approx(0.5 * (shares["left"] + shares["right"]), rel=1e-13)
+    left = evaluation.constraints["left"].gradient
     assert left is not None
     half = np.where(domain.centroids[:, 0] < 0.2, 2.0 * domain.cell_volumes / domain.area, 0.0)
     np.testing.assert_allclose(left["bar"], half / 0.5, rtol=1e-13)

@@ -263,11 +263,11 @@ def test_uniform_rotation_and_weight_at_rest() -> None:
     speed = ffr.MarkerVelocity("bar", "tip").evaluate(response)
     assert speed == pytest.approx(3.5**2 * 0.5, rel=1e-10)
     # A whole turn about the mean, by place and by velocity over omega alike.
-    whole = spinning(omega=4.0 * np.pi)[1]
+    whole_turns = spinning(omega=4.0 * np.pi)[1]
     swing = ResidualVibration("bar", "tip", tau=0.25 / np.pi)
-    assert swing.evaluate(whole) == pytest.approx(2.0 * 0.25, rel=1e-9)
+    assert swing.evaluate(whole_turns) == pytest.approx(2.0 * 0.25, rel=1e-9)
     with pytest.raises(ValueError, match="residual vibration: the place"):
-        ResidualVibration("bar", "tip", place=(0.0, 0.0, 0.0)).evaluate(whole)
+        ResidualVibration("bar", "tip", place=(0.0, 0.0, 0.0)).evaluate(whole_turns)
     # The bearing holds 2 kg at 0.25 m on their circle.
     for power in (1.5, 2.0, 40.0):
         force = ffr.JointForce("bearing", power=power).evaluate(response)

@@ -59,8 +59,8 @@ def design(problem: ffr.Problem, metre: float = 1.0) -> tuple[np.ndarray, np.nda
 def test_a_bar_that_is_pulled(comm: MPI.Intracomm, order: int, integrator: ffr.Integrator) -> None:
     """Everywhere and always F / A, and x^(s - 3) of it in an even density, whatever the power."""
     soft = ffr.PlaneStress(2e9, 0.0, 1000.0, 0.02)
-    own = {"order": order, "solid_columns": 0, "frame": HELD, "modes": 2}
-    body = rod(comm, (6, 2), (1.0, 0.1), soft, **own)
+    settings = {"order": order, "solid_columns": 0, "frame": HELD, "modes": 2}
+    body = rod(comm, (6, 2), (1.0, 0.1), soft, **settings)
     mechanism = ffr.Mechanism(
         {"bar": ffr.Placement()},
         [ffr.Weld(("bar", "left"), ffr.Ground())],
@@ -398,7 +398,7 @@ def test_von_mises_stress_in_space() -> None:
 def arm(comm: MPI.Intracomm, modes: int) -> ffr.Problem:
     """A short arm that is started askew about its end, and held there."""
     soft = ffr.Isotropic(young=2e8, poisson=0.3, density=1200.0)
-    own = {"solid_layers": 0, "frame": HELD, "modes": modes}
+    settings = {"solid_layers": 0, "frame": HELD, "modes": modes}
     still, turn = ffr.Motion.constant(0.0), ffr.Motion.smooth_step(2.0, 0.1)
     shaft = ffr.Moving(still, still, turn, z=still, axis=(0.2, 0.5, 1.0))
     mechanism = ffr.Mechanism(
@@ -406,7 +406,7 @@ def arm(comm: MPI.Intracomm, modes: int) -> ffr.Problem:
         [ffr.Weld(("arm", "left"), shaft)],
         gravity=(0.0, 0.0, -9.81),
     )
-    body = rod(comm, (5, 2, 1), (0.3, 0.06, 0.04), soft, **own)
+    body = rod(comm, (5, 2, 1), (0.3, 0.06, 0.04), soft, **settings)
     steps = ffr.GeneralizedAlpha(0.1, 60)
     return ffr.Problem({"arm": body}, mechanism, steps, ffr.PeakStress("arm", 4.0))
 

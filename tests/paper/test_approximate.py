@@ -106,14 +106,14 @@ def test_estimate_follows_the_true_error(comm: MPI.Comm) -> None:
 @pytest.mark.mpi
 def test_same_on_any_number_of_ranks(comm: MPI.Comm) -> None:
     """Selection, gradient and estimate are those of one rank."""
-    found = []
+    values = []
     for ranks in (comm, MPI.COMM_SELF):
         scene = holed(ranks)
         gradient, report = approximate(*scene, share=0.3, kernel=ffr.ExponentialSpline(0.1))
         domain = scene[0].flexible["rod"].domain
         local = (domain.centroids, report.selected, gradient)
-        found.append([*map(domain.everywhere, local), report.estimate])
-    (centers, selected, gradient, estimate), alone = found
+        values.append([*map(domain.everywhere, local), report.estimate])
+    (centers, selected, gradient, estimate), alone = values
     assert_allclose(centers, alone[0])
     assert np.array_equal(selected, alone[1])
     assert_allclose(gradient, alone[2], rtol=1e-7, atol=1e-8 * np.abs(alone[2]).max())

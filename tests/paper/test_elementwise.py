@@ -84,9 +84,9 @@ def test_marker_inside(comm: MPI.Comm, solver: ffr.paper.Solver) -> None:
     problem = swing_about_a_point(comm, 100)
     evaluation = problem.gradient(waves(problem))
     assert evaluation.gradient is not None
-    found = elementwise_gradient(problem, evaluation, solver=solver, progress=False)["rod"]
-    agree(found.values, evaluation.gradient["rod"], comm)
-    assert np.any(found.kinematics)
+    gradient = elementwise_gradient(problem, evaluation, solver=solver, progress=False)["rod"]
+    agree(gradient.values, evaluation.gradient["rod"], comm)
+    assert np.any(gradient.kinematics)
 
 
 @pytest.mark.mpi

@@ -47,14 +47,16 @@ def smooth(x: np.ndarray) -> np.ndarray:
 def test_values_are_met_and_polynomials_exact(kernel: Kernel, degree: int) -> None:
     points, queries = scattered(60), scattered(40, seed=5)
     values = np.random.default_rng(1).standard_normal((60, 2))
-    through = ScatteredInterpolation(points, kernel, degree=degree)
-    found = through(values, points)
-    assert np.max(np.abs(found - values)) < min(1e-14 * through.condition + 1e-12, 1e-7)
-    assert through(values[:, 1], points) == pytest.approx(found[:, 1], abs=1e-9)
+    interpolation = ScatteredInterpolation(points, kernel, degree=degree)
+    interpolated = interpolation(values, points)
+    assert np.max(np.abs(interpolated - values)) < min(
+        1e-14 * interpolation.condition + 1e-12, 1e-7
+    )
+    assert interpolation(values[:, 1], points) == pytest.approx(interpolated[:, 1], abs=1e-9)
     for i, j in [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]:
         if i + j <= degree:
-            found = through(points[:, 0] ** i * points[:, 1] ** j, queries)
-            assert found == pytest.approx(queries[:, 0] ** i * queries[:, 1] ** j, abs=1e-8)
+            interpolated = interpolation(points[:, 0] ** i * points[:, 1] ** j, queries)
+            assert interpolated == pytest.approx(queries[:, 0] ** i * queries[:, 1] ** j, abs=1e-8)
 
 
 @pytest.mark.parametrize(("kernel", "degree"), SYSTEMS)
@@ -100,10 +102,10 @@ def test_a_smooth_field_is_met_ever_better(kernel: Kernel, order: float) -> None
 def test_ill_conditioning_is_said_and_survived(kernel: Kernel, degree: int) -> None:
     points, queries = scattered(200), scattered(80, seed=8)
     with pytest.warns(IllConditionedWarning, match=f"{type(kernel).__name__}.*shorten"):
-        through = ScatteredInterpolation(points, kernel, degree=degree)
-        found = through(smooth(points), queries)
-    assert through.condition > 1e13
-    assert found == pytest.approx(smooth(queries), abs=0.05)
+        interpolation = ScatteredInterpolation(points, kernel, degree=degree)
+        interpolated = interpolation(smooth(points), queries)
+    assert interpolation.condition > 1e13
+    assert interpolated == pytest.approx(smooth(queries), abs=0.05)
 
 
 @pytest.mark.parametrize("kernel", [ExponentialSpline, Gaussian, Multiquadric, Wendland])
@@ -112,8 +114,10 @@ def test_best_length_beats_bad_ones(kernel: type[Gaussian]) -> None:
     inside = (np.abs(queries - [0.5, 0.25]) < [0.42, 0.17]).all(axis=1)
 
     def error(length: float) -> float:
-        through = ScatteredInterpolation(points, kernel(length))
-        return float(np.max(np.abs(through(smooth(points), queries) - smooth(queries))[inside]))
+        interpolation = ScatteredInterpolation(points, kernel(length))
+        return float(
+            np.max(np.abs(interpolation(smooth(points), queries) - smooth(queries))[inside])
+        )
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -127,8 +131,8 @@ def test_best_length_is_where_the_leave_one_out_error_is_smallest() -> None:
     values = np.sin(9.0 * points[:, 0]) + np.random.default_rng(3).standard_normal(80) * 0.01
 
     def size(length: float) -> float:
-        through = ScatteredInterpolation(points, Gaussian(length))
-        return float(np.sqrt(np.mean(through.leave_one_out(values) ** 2)))
+        interpolation = ScatteredInterpolation(points, Gaussian(length))
+        return float(np.sqrt(np.mean(interpolation.leave_one_out(values) ** 2)))
 
     found = best_length(Gaussian, points, values, bounds=(0.04, 0.25))
     assert size(found) <= 1.001 * min(size(length) for length in np.geomspace(0.04, 0.25, 25))
@@ -154,16 +158,16 @@ def test_bad_points_are_refused(
 
 def test_bad_values_and_queries_are_refused() -> None:
     points = scattered(9)
-    through = ScatteredInterpolation(points, Gaussian(0.1))
-    for call in (through.leave_one_out, lambda values: through(values, points)):
+    interpolation = ScatteredInterpolation(points, Gaussian(0.1))
+    for call in (interpolation.leave_one_out, lambda values: interpolation(values, points)):
         with pytest.raises(ValueError, match="must have 9 values, one a point"):
             call(np.ones(8))
         with pytest.raises(ValueError, match="values holds NaN or infinity"):
             call(np.full(9, np.nan))
     for queries in ([0.0, 0.0], [[0.0, math.inf]]):
         with pytest.raises(ValueError, match="queries"):
-            through(np.ones(9), queries)
-    assert through(np.ones(9), np.zeros((0, 2))).shape == (0,)
+            interpolation(np.ones(9), queries)
+    assert interpolation(np.ones(9), np.zeros((0, 2))).shape == (0,)
     with pytest.raises(ValueError, match="can be left out"):
         ScatteredInterpolation(scattered(3), ThinPlate()).leave_one_out(np.ones(3))
     with pytest.raises(ValueError, match="ill-conditioned at every length"):

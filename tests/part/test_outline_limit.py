@@ -37,9 +37,9 @@ def test_a_hole_that_is_filled_is_material_outside_of_the_body(drilled: ffr.Doma
     part = ffr.Part(plate(WHOLE), lambda x: np.ones(len(x)))
     assert shares(part, MEMBER, MEMBER) == {}
     part.body = drilled
-    found = shares(part, MEMBER, MEMBER)
-    assert list(found) == ["material outside of the body near (20, 9) mm"]
-    assert found.popitem()[1] == pytest.approx(RADIUS / MEMBER, rel=0.02)
+    outside = shares(part, MEMBER, MEMBER)
+    assert list(outside) == ["material outside of the body near (20, 9) mm"]
+    assert outside.popitem()[1] == pytest.approx(RADIUS / MEMBER, rel=0.02)
 
 
 def test_a_bump_beyond_the_outer_edge_is_material_outside_of_the_body() -> None:
@@ -56,12 +56,12 @@ def test_rims_that_are_too_thin(drilled: ffr.Domain, width: float, missing: floa
     """A void of 4 mm beside the hole leaves a rim of some width, or none."""
     center = CENTER + np.array([RADIUS + width * MEMBER + 0.002, 0.0])
     part = ffr.Part(drilled, lambda x: np.linalg.norm(x - center, axis=1) - 0.002)
-    found = shares(part, MEMBER, MEMBER)
+    outside = shares(part, MEMBER, MEMBER)
     if missing is None:
-        assert found == {}
+        assert outside == {}
     else:
-        assert list(found) == ["rim of the hole near (20, 9) mm"]
-        assert found.popitem()[1] == pytest.approx(missing, abs=0.01)
+        assert list(outside) == ["rim of the hole near (20, 9) mm"]
+        assert outside.popitem()[1] == pytest.approx(missing, abs=0.01)
     assert shares(part, 0.0, MEMBER) == {}
 
 
@@ -92,6 +92,6 @@ def test_a_hole_in_space(
     block.mesh.geometry.x[:] -= [0.5, 0.0, -0.1]
     filled = ffr.Solid(block, lambda x: np.ones(len(x)))
     filled.body = body
-    found = shares(filled, 0.0, member)
-    depth = found[f"material outside of the body near {middle} mm"]
+    outside = shares(filled, 0.0, member)
+    depth = outside[f"material outside of the body near {middle} mm"]
     assert depth == pytest.approx(radius / member, rel=0.1)

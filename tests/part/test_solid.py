@@ -209,13 +209,15 @@ def test_long_cells_are_cut_along_their_length(comm: MPI.Comm, turned: bool) -> 
     domain = ffr.Domain(mesh, {"left": lambda x: x[2] < -0.5 + 1e-9})
     expected = 3 * [3.0 ** (1.0 / 3.0)] if turned else [3.0, 1.0, 1.0]
     np.testing.assert_allclose(domain.cell_edges, expected, rtol=1e-12)
-    found = Tetrahedra.of(domain, 2)
+    tetrahedra = Tetrahedra.of(domain, 2)
     if comm.rank == 0:
-        edges = found.points[found.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]]]
+        edges = tetrahedra.points[
+            tetrahedra.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]]
+        ]
         longest = np.max(np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2))
         # of parts of 0.5 x 0.5 x 1.5 and of 1 x 1 x 0.75, two triangles for each side
         assert longest == pytest.approx(np.hypot(0.5, 1.5) if turned else np.sqrt(2.0))
-        sides = found.cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3)
+        sides = tetrahedra.cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3)
         _, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
         assert np.sum(count == 1) == 2 * (2 * 4 + 8 * 4 if turned else 2 + 8 * 4)
 

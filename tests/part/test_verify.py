@@ -64,17 +64,17 @@ def test_psi_of_a_mesh_of_its_own(comm: MPI.Comm, field) -> None:  # type: ignor
     problem = slider_crank(comm, domain=body, interpolation=ffr.SIMP(floor=1e-9))
     evaluation = problem.value(on_cells(body, field))
     part = part_of(problem, field)
-    found = part.verify(problem, evaluation, size=0.004, tolerance=3e-3)
-    assert found.converged
+    verification = part.verify(problem, evaluation, size=0.004, tolerance=3e-3)
+    assert verification.converged
     # inner corners are singular, and psi of both meshes still grows by 2e-3 with each refinement
-    assert found.difference == pytest.approx(0.0, abs=3e-3)
-    (rod,) = found.fitted[-1].bodies.values()
+    assert verification.difference == pytest.approx(0.0, abs=3e-3)
+    (rod,) = verification.fitted[-1].bodies.values()
     assert rod.mass == pytest.approx(part.mass, rel=1e-9)
     assert rod.volume == pytest.approx(part.area / body.area, rel=1e-9)
     frequencies = evaluation.fixed_interface_frequencies["rod"]
     np.testing.assert_allclose(rod.frequencies, frequencies, rtol=1e-2)
-    assert "psi has converged" in found.summary()
-    assert "MPa" in str(found)
+    assert "psi has converged" in verification.summary()
+    assert "MPa" in str(verification)
 
 
 @pytest.mark.mpi
@@ -84,25 +84,27 @@ def test_several_bodies_and_other_modes(comm: MPI.Comm, shared_tmp_path: Path) -
     evaluation = problem.value(solid(problem))
     parts = {name: part_of(problem, name=name) for name in problem.flexible}
     with pytest.warns(ffr.PartWarning, match="% above what was reported"):
-        found = ffr.verify(problem, parts, evaluation, modes={"coupler": 4}, most=3, tolerance=5e-3)
-    assert found.modes == {"coupler": 4, "rocker": 3}
-    assert len(found.fitted[-1].bodies["coupler"].frequencies) == 4
+        verification = ffr.verify(
+            problem, parts, evaluation, modes={"coupler": 4}, most=3, tolerance=5e-3
+        )
+    assert verification.modes == {"coupler": 4, "rocker": 3}
+    assert len(verification.fitted[-1].bodies["coupler"].frequencies) == 4
     # coarse cells of order 1 are stiffer than they should be
-    assert 0.0 < found.difference < 0.2
+    assert 0.0 < verification.difference < 0.2
     for name, part in parts.items():
-        assert found.fitted[-1].bodies[name].mass == pytest.approx(part.mass, rel=1e-9)
-    assert len(set(comm.allgather(found.psi))) == 1
-    own = found.bodies["coupler"][1].integrals
+        assert verification.fitted[-1].bodies[name].mass == pytest.approx(part.mass, rel=1e-9)
+    assert len(set(comm.allgather(verification.psi))) == 1
+    own = verification.bodies["coupler"][1].integrals
     for name in ("coupler.SID_FEM", "coupler.npz"):
-        found.export(shared_tmp_path / name, "coupler")
+        verification.export(shared_tmp_path / name, "coupler")
         read = ffr.VolumeIntegrals.load(shared_tmp_path / name)
         assert read.dimension == (2 if name.endswith("npz") else 3)
         np.testing.assert_allclose(read.G[1:, 1:], own.G[1:, 1:], atol=1e-12 * np.max(own.G))
         np.testing.assert_allclose(read.K, own.K, rtol=1e-12)
     with pytest.raises(ValueError, match="name = None, but the parts are"):
-        found.export(shared_tmp_path / "either.npz")
+        verification.export(shared_tmp_path / "either.npz")
     with pytest.raises(OSError, match="nowhere"):
-        found.export(shared_tmp_path / "nowhere" / "rod.npz", "rocker")
+        verification.export(shared_tmp_path / "nowhere" / "rod.npz", "rocker")
 
 
 def test_a_part_in_several_load_cases(comm: MPI.Comm) -> None:
@@ -110,20 +112,22 @@ def test_a_part_in_several_load_cases(comm: MPI.Comm) -> None:
     problem = three_load_cases(comm, ffr.WorstCase({"slow": 1.5, "fast": 1.0, "lever": 0.0}))
     evaluation = problem.value(solid(problem))
     with pytest.warns(ffr.PartWarning) as warned:
-        found = part_of(problem).verify(problem, evaluation, most=2, tolerance=5e-3)
-    said = [str(each.message) for each in warned]
-    assert "% above what was reported" in said[0]
+        verification = part_of(problem).verify(problem, evaluation, most=2, tolerance=5e-3)
+    messages = [str(each.message) for each in warned]
+    assert "% above what was reported" in messages[0]
     # the full rod is too heavy for the fast load case before it is meshed anew
-    assert len(said) == 3 and "what was reported is not what the parts have: psi " in said[1]
-    assert "'fast: JointForce' by 48.4 % of the bound (11.87 of the design" in said[2]
-    assert "at most 8); the design exceeds it by 48.4 %" in said[2]
+    assert (
+        len(messages) == 3 and "what was reported is not what the parts have: psi " in messages[1]
+    )
+    assert "'fast: JointForce' by 48.4 % of the bound (11.87 of the design" in messages[2]
+    assert "at most 8); the design exceeds it by 48.4 %" in messages[2]
     # coarse cells of order 1 are stiffer than they should be
-    assert 0.0 < found.difference < 0.1
-    psi = found.fitted[-1].load_cases
-    assert found.psi == max(1.5 * psi["slow"], psi["fast"])
+    assert 0.0 < verification.difference < 0.1
+    psi = verification.fitted[-1].load_cases
+    assert verification.psi == max(1.5 * psi["slow"], psi["fast"])
     assert psi["lever"] == pytest.approx(evaluation.load_cases["lever"].psi, rel=0.1)
-    assert "lever: stress" in str(found) and "load case lever: psi" in str(found)
-    assert found.record()["psi_part_by_load_case"] == psi
+    assert "lever: stress" in str(verification) and "load case lever: psi" in str(verification)
+    assert verification.record()["psi_part_by_load_case"] == psi
 
 
 def test_fitted_mesh_has_the_interfaces_and_regions_of_the_body(comm: MPI.Comm) -> None:
@@ -156,13 +160,13 @@ def test_volumes_of_a_part_are_shares_of_the_body(comm: MPI.Comm) -> None:
     problem = ffr.Problem(scene.bodies, scene.mechanism, scene.integrator, ffr.Mass("rod"), bounds)
     evaluation = problem.value(on_cells(body, strip))
     with pytest.warns(ffr.PartWarning, match="the part violates 'mask' by 11.1 %"):
-        found = part_of(problem, strip).verify(problem, evaluation, most=2)
-    said = "constraint mask: 0.5556 -> 0.5556, at most 0.5, 11.1 % beyond its bound"
-    assert said in found.summary()
-    (rod,) = found.fitted[-1].bodies.values()
+        verification = part_of(problem, strip).verify(problem, evaluation, most=2)
+    message = "constraint mask: 0.5556 -> 0.5556, at most 0.5, 11.1 % beyond its bound"
+    assert message in verification.summary()
+    (rod,) = verification.fitted[-1].bodies.values()
     assert rod.volume == pytest.approx(0.6, rel=1e-9)
     shares = {"left": 5 / 9, "mask": 5 / 9, "all": 0.6}
-    assert found.fitted[-1].constraints == pytest.approx(shares, rel=1e-9)
+    assert verification.fitted[-1].constraints == pytest.approx(shares, rel=1e-9)
 
 
 def test_what_cannot_be_verified(comm: MPI.Comm) -> None:
@@ -195,10 +199,13 @@ def test_memory_is_told_before_a_mesh_is_tried(
     rooms = iter([2**50, 0])
     monkeypatch.setattr(flexible_body, "agreed_memory", lambda comm: next(rooms))
     with pytest.warns(ffr.part.PartWarning, match="one mesh less") as told:
-        found = part.verify(problem, evaluation)
-    assert len(found.fitted) == 1 and not found.converged
+        verification = part.verify(problem, evaluation)
+    assert len(verification.fitted) == 1 and not verification.converged
     assert not any("still changes by" in str(one.message) for one in told)
-    assert found.fitted[0].bodies["rod"].stress > 0.0 and "one mesh only" in found.summary()
+    assert (
+        verification.fitted[0].bodies["rod"].stress > 0.0
+        and "one mesh only" in verification.summary()
+    )
 
 
 @pytest.mark.mpi
@@ -218,17 +225,19 @@ def test_result_of_a_design_as_a_part(
     part, rod = result.part(), problem.flexible["rod"].domain
     assert isinstance(part, kind) and part is result.part("rod")
     assert (part.area if plane else part.volume) == pytest.approx(rod.area, rel=1e-12)
-    found = result.finish(shared_tmp_path, **({"tolerance": 5e-3} if plane else {}))
-    assert found is not None
-    record = found.record()
+    verification = result.finish(shared_tmp_path, **({"tolerance": 5e-3} if plane else {}))
+    assert verification is not None
+    record = verification.record()
     assert record["part_pieces"] == 1
     if plane:
-        assert found.psi == pytest.approx(problem.value(solid(problem)).psi, rel=0.1)
+        assert verification.psi == pytest.approx(problem.value(solid(problem)).psi, rel=0.1)
         assert record["part_holes"] == 0
         assert record["part_mass"] == pytest.approx(part.mass, rel=1e-12)
     else:
-        assert 0.0 < found.difference < 4.0  # linear elements are stiffer than they should be
-        rod = ffr.run_record(result, verification=found)["verification"]["bodies"]["rod"]
+        assert (
+            0.0 < verification.difference < 4.0
+        )  # linear elements are stiffer than they should be
+        rod = ffr.run_record(result, verification=verification)["verification"]["bodies"]["rod"]
         assert rod["elements"] == "tetrahedra" and rod["thinnest_member"] is None
     with pytest.raises(ValueError, match="result: part must be 'rod', but it is 'arm'"):
         result.part("arm")
@@ -272,8 +281,8 @@ def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
             limit = problem.constraints[list(last.constraints).index(name)].bound
             numbers = f"{found.reported.constraints[name]:.4g} of the design, {value:.4g} of "
             numbers += f"the part, at most {limit:.4g}"
-            said = [str(each.message) for each in warned if repr(name) in str(each.message)]
-            assert len(said) == 1 and numbers in said[0]
+            messages = [str(each.message) for each in warned if repr(name) in str(each.message)]
+            assert len(messages) == 1 and numbers in messages[0]
             assert f"constraint {name}: " in found.summary()
             assert f"at most {limit:.4g}" in found.summary()
         assert found.record()["part_violations"] == pytest.approx(found.violations)
@@ -291,9 +300,9 @@ def test_a_part_of_more_volume_than_is_allowed(comm: MPI.Comm) -> None:
     result = untouched(problem)
     narrower = dataclasses.replace(result, bounds={"rod": 0.8})
     with pytest.warns(ffr.PartWarning, match="'volume of rod' by 25.0 % .*, 1 of the part, at mo"):
-        found = narrower.verify(tolerance=1e-2)
-    assert found.violations == pytest.approx({"volume of rod": 0.25})
-    assert narrower.violations == found.violations and not narrower.summary()["feasible"]
+        verification = narrower.verify(tolerance=1e-2)
+    assert verification.violations == pytest.approx({"volume of rod": 0.25})
+    assert narrower.violations == verification.violations and not narrower.summary()["feasible"]
     assert result.bounds == {"rod": 1.0} and result.feasible
 
 

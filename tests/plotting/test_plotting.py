@@ -327,10 +327,10 @@ def test_history_from_a_file_looks_like_that_from_columns(tmp_path: Path) -> Non
 def test_history_draws_parameters_between_their_bounds(tmp_path: Path) -> None:
     """On the scale of each; the lines of the bounds are there only where these are known."""
     k = np.arange(30.0)
-    given = {"radius": (0.1, 0.08, 0.12, "m"), "stiffness": (40.0, 10.0, 200.0, "N/m", "log")}
+    settings = {"radius": (0.1, 0.08, 0.12, "m"), "stiffness": (40.0, 10.0, 200.0, "N/m", "log")}
     columns = {"parameter radius [m]": 0.1 + 5e-4 * k, "parameter stiffness [N/m]": 40.0 + 5.0 * k}
     history = {"psi": some_history()["psi"], **columns}
-    parameters = ffr.Parameters(**given)
+    parameters = ffr.Parameters(**settings)
     bounded = pixels(plot_history(history, tmp_path / "a.png", parameters=parameters))
     free = pixels(plot_history(history, tmp_path / "b.png"))
     for color in ACCENTS[:2]:
@@ -493,9 +493,9 @@ def test_bodies_without_mesh_and_joints_that_stay_closed(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_film_has_its_frames_and_shows_the_motion(solved: Solved, tmp_path: Path) -> None:
-    how = {"frames": 21, "frames_per_second": 10.0, "title": "Slider-crank"}
+    settings = {"frames": 21, "frames_per_second": 10.0, "title": "Slider-crank"}
     path = tmp_path / "new" / "motion.gif"
-    animate_motion(solved.problem, solved.evaluation, path, **how)
+    animate_motion(solved.problem, solved.evaluation, path, **settings)
     with Image.open(path) as film:
         assert film.n_frames == 21
         assert film.info["duration"] == 100

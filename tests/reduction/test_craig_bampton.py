@@ -67,11 +67,11 @@ def test_beam_in_two_planes_and_torsion(comm: MPI.Intracomm, width: float) -> No
     body = rod(comm, elements, (length, height, width), order=2, frame=HELD, modes=modes)
     integrals = solid(body).integrals
     squares = scipy.linalg.eigh(integrals.K, integrals.G[1:, 1:], eigvals_only=True)
-    found = np.sqrt(squares) * length**2 / np.sqrt(STEEL.young / 12 / STEEL.density)
+    value = np.sqrt(squares) * length**2 / np.sqrt(STEEL.young / 12 / STEEL.density)
     factors = {0.04: 3.50264107, 0.02: 3.51265}
     # rigid ends and the mesh: less than one percent
-    assert found[0] == pytest.approx(factors[width] * width, rel=1e-2)
-    assert found[1] == pytest.approx(factors[height] * height, rel=1e-2)
+    assert value[0] == pytest.approx(factors[width] * width, rel=1e-2)
+    assert value[1] == pytest.approx(factors[height] * height, rel=1e-2)
     if width == height:
         shear = STEEL.young / (2.0 * (1.0 + STEEL.poisson))
         twist = 0.5 * np.pi / length * np.sqrt(shear * 0.140577015 / (STEEL.density / 6))

@@ -123,13 +123,13 @@ def test_a_body_takes_along_what_it_keeps(capfd: pytest.CaptureFixture[str]) -> 
 def test_two_bodies_count_in_turn(comm: MPI.Intracomm) -> None:
     """What is kept for counts belongs to one body and to no density."""
     one, two = body_of(comm), body_of(comm).with_modes(6)
-    found = {}
+    values = {}
     for body, phase in ((one, 0), (two, 0), (one, 1), (two, 1), (one, 0)):
         reduced = body.reduce(waves(body.domain, phase))
         limit = reduced.basis.eigenvalues[-1] * (1.0 + 1e-6)
         assert body.count_below(reduced, limit) == body.modes
-        found.setdefault((body.modes, phase), reduced.basis.eigenvalues)
-        assert_same(comm, reduced.basis.eigenvalues, found[body.modes, phase])
+        values.setdefault((body.modes, phase), reduced.basis.eigenvalues)
+        assert_same(comm, reduced.basis.eigenvalues, values[body.modes, phase])
 
 
 @pytest.mark.mpi

@@ -28,8 +28,10 @@ PER_LENGTH = STEEL.density * STEEL.thickness * HEIGHT
 
 def slender(comm: MPI.Intracomm, loads: list[str], **options: Any) -> ffr.VolumeIntegrals:
     """A slender beam, held at its left end if nothing else is said."""
-    own = {"frame": HELD, "modes": 6, "order": 2, "solid_columns": 0, **options}
-    return solid(rod(comm, (40, 1), (LENGTH, HEIGHT), STEEL, stiffening=loads, **own)).integrals
+    settings = {"frame": HELD, "modes": 6, "order": 2, "solid_columns": 0, **options}
+    return solid(
+        rod(comm, (40, 1), (LENGTH, HEIGHT), STEEL, stiffening=loads, **settings)
+    ).integrals
 
 
 def test_rotating_beam(comm: MPI.Intracomm) -> None:
@@ -157,13 +159,13 @@ def test_gradient_of_a_motion(comm: MPI.Intracomm, free: bool) -> None:
     if free:
         return
     # given arrays move as the mesh does
-    found = problem.gradient(density)
+    evaluation = problem.gradient(density)
     arrays = ffr.MechanicalProblem(problem.mechanism, problem.integrator, problem.objective)
-    given = arrays.gradient(problem.integrals(found))
-    assert given.psi == found.psi
+    given = arrays.gradient(problem.integrals(evaluation))
+    assert given.psi == evaluation.psi
     for name in ("right", "top"):
         mine, theirs = (
-            each.integrals_gradient["beam"].markers[name].stiffening for each in (given, found)
+            each.integrals_gradient["beam"].markers[name].stiffening for each in (given, evaluation)
         )
         assert np.any(mine)
         np.testing.assert_array_equal(mine, theirs)

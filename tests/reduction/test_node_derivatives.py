@@ -90,12 +90,12 @@ def moved(comm: MPI.Comm, cell: str, order: int, step: float) -> ffr.Domain:
 def follows(comm: MPI.Comm, cell: str, order: int, step: float, place: list[float]) -> list[float]:
     """Where a point of the rod is after a share of the motion: it moves with its cell."""
     before, after = (moved(comm, cell, order, h) for h in (0.0, step))
-    found = []
+    values = []
     for number, reference in PointMarker.at(before, place).cells:
         weights = _shape_functions(before, number, reference)[2][0]
         nodes = _compat.cell_geometry(after.mesh)[number]
-        found.append(weights @ after.mesh.geometry.x[nodes, : after.dimension])
-    every = [place for part in comm.allgather(found) for place in part]
+        values.append(weights @ after.mesh.geometry.x[nodes, : after.dimension])
+    every = [place for part in comm.allgather(values) for place in part]
     return np.mean(every, axis=0).tolist()
 
 

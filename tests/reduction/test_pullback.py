@@ -117,10 +117,10 @@ def test_pullback_from_integrals_to_density(comm: MPI.Intracomm, kind: str, wher
 @pytest.mark.parametrize("kind", ["held, inertia", "chord, forces", "stiffened box"])
 def test_same_numbers_on_any_number_of_ranks(comm: MPI.Intracomm, kind: str) -> None:
     """Frequencies, and a number that reads every integral, do not depend on the partition."""
-    found = []
+    values = []
     for ranks in (comm, MPI.COMM_SELF):
         body = made(ranks, kind)
         reduced = body.reduce(waves(body.domain))
         psi = Response(body.domain.dimension).value(reduced.integrals)
-        found.append([*reduced.basis.frequencies, psi])
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
+        values.append([*reduced.basis.frequencies, psi])
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-9)

@@ -63,13 +63,13 @@ def designs(domain: ffr.Domain) -> dict[str, np.ndarray]:
     """Densities that do not depend on the partition."""
     x, y = domain.centroids.T
     waves = 0.55 + 0.45 * np.sin(40.0 * x + 1.0) * np.cos(90.0 * y + 0.3)
-    found = {
+    values = {
         "solid": np.ones(domain.n_cells),
         "waves": waves,
         "strip": np.where(y > -0.001, 1.0, 0.05),  # no centre lies on the edge, on any mesh
         "one-sided": np.where(x > 0.6 * LENGTH, 0.2, 1.0),
     }
-    return {name: np.where(domain.design_cells, part, 1.0) for name, part in found.items()}
+    return {name: np.where(domain.design_cells, part, 1.0) for name, part in values.items()}
 
 
 @pytest.mark.mpi
@@ -96,9 +96,9 @@ def test_static_displacements_are_exact(comm: MPI.Intracomm, modes: int) -> None
     for load in (weight, force):
         load[body.reduction.clamped] = 0.0
         exact = factored.solve(load)
-        found = normal @ (elasticity.inner(normal, load) / whole.basis.eigenvalues[:, None])
+        value = normal @ (elasticity.inner(normal, load) / whole.basis.eigenvalues[:, None])
         size = elasticity.largest(np.abs(exact))
-        assert elasticity.largest(np.abs(found - exact)) < 1e-9 * size
+        assert elasticity.largest(np.abs(value - exact)) < 1e-9 * size
     # the first shape functions stay as they are, and so do their integrals
     r = body.n_elastic
     assert np.array_equal(whole.basis.shapes[:, :r], reduced.basis.shapes)

@@ -140,11 +140,11 @@ def test_what_is_missing_is_named(key: str, named: str, tmp_path: Path) -> None:
 def test_a_limit_that_the_part_exceeds_is_named_with_its_numbers(
     feasible: bool | None, said: str, tmp_path: Path
 ) -> None:
-    given = {**record(), "feasible": feasible}
+    settings = {**record(), "feasible": feasible}
     stress = {"value": 24.6e6, "bound": 60e6, "unit": "Pa", "kind": "at most", "violation": 0.0}
-    given["constraints"] = {"stress": stress}
-    given["verification"]["constraints"] = {"stress": [24.6e6, 99.3e6]}
-    text = words(page_of(write_run(tmp_path, given, history=False)))
+    settings["constraints"] = {"stress": stress}
+    settings["verification"]["constraints"] = {"stress": [24.6e6, 99.3e6]}
+    text = words(page_of(write_run(tmp_path, settings, history=False)))
     assert f"{said} stress by 66 % (reported 24.60, part 99.30, at most 60 MPa)." in text
 
 
@@ -162,8 +162,8 @@ def test_what_makes_no_sense_is_named(nonsense: Any, tmp_path: Path) -> None:
 
 
 def test_summary_of_another_program_is_shown_as_it_is(tmp_path: Path) -> None:
-    given = {"compliance_final": 3.125e-5, "note": "<b>bold</b>", "ok": True, "list": [1, 2]}
-    page = page_of(write_run(tmp_path, given))
+    settings = {"compliance_final": 3.125e-5, "note": "<b>bold</b>", "ok": True, "list": [1, 2]}
+    page = page_of(write_run(tmp_path, settings))
     assert "<b>" not in page
     shown = ("compliance final 3.1250 × 10⁻⁵", "note <b>bold</b>", "ok yes", "What is missing")
     assert all(said in words(page) for said in shown)
@@ -235,9 +235,9 @@ def test_folder_without_run_is_refused_on_every_rank(comm: MPI.Comm, shared_tmp_
     with pytest.raises(TypeError, match="folder must be a path, but it is 3"):
         ffr.write_report(comm, 3)  # type: ignore[arg-type]
     place = shared_tmp_path / "r" / "a.html"
-    made = ffr.write_report(comm, shared_tmp_path / "below", output=place)
+    report = ffr.write_report(comm, shared_tmp_path / "below", output=place)
     comm.Barrier()
-    assert made.is_file()
+    assert report.is_file()
 
 
 @pytest.mark.parametrize(

@@ -31,17 +31,17 @@ def test_record_of_a_run(
     design = ffr.DensityDesign(rod.domain)
     with pytest.warns(ffr.DesignWarning), ffr.recorded_warnings() as said:
         # too few iterations: the sharp design is above its volume
-        how = {"iterations": 1, "progress": False, "mode_tolerance": None}
-        result = ffr.optimize(problem, design, volume=0.8, output=shared_tmp_path, **how)
+        settings = {"iterations": 1, "progress": False, "mode_tolerance": None}
+        result = ffr.optimize(problem, design, volume=0.8, output=shared_tmp_path, **settings)
 
     def hole(x: np.ndarray) -> np.ndarray:
         return np.hypot(x[:, 0] - 0.2, x[:, 1]) - 0.01
 
     part = ffr.Part(rod.domain, hole, material=rod.material)
-    found = ffr.verify(problem, {"rod": part}, full, **COARSE)
+    verification = ffr.verify(problem, {"rod": part}, full, **COARSE)
     part.write(shared_tmp_path / "part.svg")
     references = {"full rod": full.psi, "what holds nothing": float("inf")}
-    of = {"verification": found, "warnings": said, "references": references}
+    of = {"verification": verification, "warnings": said, "references": references}
     record = ffr.run_record(result, title="Rod", parts={"rod": part}, **of)
     assert set(record) == set(KEYS)
     assert comm.allgather(json.dumps(record)) == [json.dumps(record)] * comm.size
@@ -49,7 +49,7 @@ def test_record_of_a_run(
     assert record["objective"] == {"name": "IntegralCompliance", "unit": "J s"}
     bound = record["bound"]
     assert bound["text"].startswith("no part of this material within this outline has less than")
-    assert bound["gap"] == pytest.approx(found.psi / bound["psi"] - 1.0)
+    assert bound["gap"] == pytest.approx(verification.psi / bound["psi"] - 1.0)
     assert result.gap == pytest.approx(result.psi / bound["psi"] - 1.0)
     assert record["references"] == {"full rod": full.psi, "what holds nothing": None}
     volume = record["constraints"]["volume of rod"]
@@ -62,9 +62,9 @@ def test_record_of_a_run(
     assert drawn["narrowest_gap"]["value"] == pytest.approx(0.02, rel=1e-2)
     assert drawn["mass"] == part.mass
     checked = record["verification"]
-    assert checked["part"] == found.psi
-    assert checked["difference"] == pytest.approx(found.psi / full.psi - 1.0, abs=1e-12)
-    assert checked["bodies"]["rod"]["mass"][1] == found.fitted[-1].bodies["rod"].mass
+    assert checked["part"] == verification.psi
+    assert checked["difference"] == pytest.approx(verification.psi / full.psi - 1.0, abs=1e-12)
+    assert checked["bodies"]["rod"]["mass"][1] == verification.fitted[-1].bodies["rod"].mass
     scene = record["scene"]
     assert scene["text"] == str(ffr.model_report(result.problem, result.evaluation))
     assert [joint["name"] for joint in scene["joints"]] == ["crank pin", "slider"]
@@ -113,15 +113,15 @@ def test_record_and_page_of_several_load_cases(comm: MPI.Comm, shared_tmp_path: 
     weights = {"slow": 1.5, "fast": 1.0, "lever": 0.5}
     problem = three_load_cases(comm, ffr.WorstCase(weights))
     rod = problem.flexible["rod"]
-    how = {"iterations": 2, "boundary": 0, "progress": False, "mode_tolerance": None}
-    how["output"] = shared_tmp_path
+    settings = {"iterations": 2, "boundary": 0, "progress": False, "mode_tolerance": None}
+    settings["output"] = shared_tmp_path
     design = ffr.DensityDesign(rod.domain)
-    result = ffr.optimize(problem, design, optimizer=ffr.MMA(length=40), **how)
+    result = ffr.optimize(problem, design, optimizer=ffr.MMA(length=40), **settings)
     part = ffr.Part(rod.domain, lambda x: np.ones(len(x)), material=rod.material)
     with pytest.warns(ffr.PartWarning, match="the part violates .*'fast: JointForce' by"):
         # twice as heavy as the design
-        found = ffr.verify(result.problem, {"rod": part}, result.evaluation, **COARSE)
-    record = ffr.run_record(result, title="Rod", verification=found, volume=0.5)
+        verification = ffr.verify(result.problem, {"rod": part}, result.evaluation, **COARSE)
+    record = ffr.run_record(result, title="Rod", verification=verification, volume=0.5)
     assert comm.allgather(json.dumps(record)) == [json.dumps(record)] * comm.size
     assert record["objective"] == {"name": "WorstCase", "unit": ""}
     load_cases = record["load_cases"]
@@ -131,7 +131,10 @@ def test_record_and_page_of_several_load_cases(comm: MPI.Comm, shared_tmp_path: 
     assert load_cases["slow"]["objective"] == {"name": "IntegralCompliance", "unit": "J s"}
     assert (load_cases["fast"]["duration"], load_cases["fast"]["steps"]) == (1.6, 400)
     assert load_cases["lever"]["loads"][0].startswith("point mass 1 kg")
-    assert record["verification"]["load_cases"]["fast"][1] == found.fitted[-1].load_cases["fast"]
+    assert (
+        record["verification"]["load_cases"]["fast"][1]
+        == verification.fitted[-1].load_cases["fast"]
+    )
     assert record["constraints"]["lever: stress"]["unit"] == "Pa"
     assert record["constraints"]["slow: JointForce"]["unit"] == "N"
     assert record["stress"]["rod"]["load_case"] == "lever"

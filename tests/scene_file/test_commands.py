@@ -114,8 +114,8 @@ def test_design_interrupted_and_resumed_on_several_ranks(
         main(again)
     names = "part.step part.dxf part.svg part.stl report.html motion.gif scene.png design.png"
     assert set(names.split()) <= {path.name for path in folder.iterdir()}
-    found = json.loads((folder / "summary.json").read_text())
-    assert found["references"]["full"] > 0.0
+    record = json.loads((folder / "summary.json").read_text())
+    assert record["references"]["full"] > 0.0
 
 
 @pytest.mark.filterwarnings("ignore")

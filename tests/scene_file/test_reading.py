@@ -123,8 +123,8 @@ def test_every_joint_force_and_objective_can_be_written() -> None:
 def test_materials_have_sources() -> None:
     for name, numbers in SOLIDS.items():
         assert len(numbers["source"]) > 10, name
-        given = {key: numbers[key] for key in ("young", "poisson", "density")}
-        assert ffr.Isotropic(**given).young > 1e9
+        settings = {key: numbers[key] for key in ("young", "poisson", "density")}
+        assert ffr.Isotropic(**settings).young > 1e9
 
 
 def written(folder: Path, *edits: tuple[str, str]) -> Path:

@@ -107,5 +107,5 @@ HERMITE = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-3, -2, 3, -1], [2, 1, -2, 1]],
 
 def hermite(xi: float, h: float, derivative: int = 0) -> Array:
     """Hermite polynomials of an element, or their derivatives along it."""
-    found = polynomial.polyval(xi, polynomial.polyder(HERMITE, derivative))
-    return found * [1.0, h, 1.0, h] / h**derivative
+    values = polynomial.polyval(xi, polynomial.polyder(HERMITE, derivative))
+    return values * [1.0, h, 1.0, h] / h**derivative

@@ -95,5 +95,5 @@ def flat_cloud(modes: int, seed: int = 0, *, space: bool = False) -> VolumeInteg
             (0.3 * symmetric(3) * flat[:, None, None])[:d],
         )
     S, K = np.einsum("p,apk->ak", masses, W)[:, :d], 400.0 * root @ root.T
-    own = {"P": P[..., :d, :d], "K": K, "markers": markers, "stiffening": loads}
-    return VolumeIntegrals.from_arrays(masses.sum(), S, **own)
+    settings = {"P": P[..., :d, :d], "K": K, "markers": markers, "stiffening": loads}
+    return VolumeIntegrals.from_arrays(masses.sum(), S, **settings)
