@@ -64,10 +64,10 @@ def full(program: str) -> str:
 
     Its time steps are given.
     """
-    given = r"optimize\((\w+), (levelset|densities|ffr\.LevelSet\(rod\)), volume=0\.5"
+    pattern = r"optimize\((\w+), (levelset|densities|ffr\.LevelSet\(rod\)), volume=0\.5"
     start = r"optimize(\1, \2, np.ones(\2.size), boundary=0, volume=1.0"
     program = re.sub(r"TimeInterval\(([\d.]+)\)", r"GeneralizedAlpha(\1, 80)", program)
-    return shorter(re.sub(given, start, program))
+    return shorter(re.sub(pattern, start, program))
 
 
 def run(program: str, name: str, before: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -108,10 +108,10 @@ def test_scenes(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.Monk
     heading, program = given
     if ".msh" in program:
         write_rod(tmp_path / "rod.msh")
-    before = beginning(program)
-    if before:
+    earlier = beginning(program)
+    if earlier:
         program = re.sub(r"(optimize\((?:.|\n)*?)volume=", r"\1iterations=2, volume=", program)
-    names = run(shorter(program), heading, before)
+    names = run(shorter(program), heading, earlier)
     for name in ("result", "evaluation"):
         if name in names:
             assert 0.0 < names[name].psi < float("inf")
@@ -123,9 +123,9 @@ def test_two_lines_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.chdir(tmp_path)
     heading = "Two lines more"
     program = dict(programs(TOP / "docs" / "machine_and_part.md"))[heading]
-    before = shorter(dict(programs(PAGE))["Slider-crank"]) + "levelset = ffr.LevelSet(rod)\n"
+    earlier = shorter(dict(programs(PAGE))["Slider-crank"]) + "levelset = ffr.LevelSet(rod)\n"
     steps = program.replace("ffr.TimeInterval(2.0)", "ffr.GeneralizedAlpha(2.0, 120)")
-    names = run(before + shorter(steps), heading)
+    names = run(earlier + shorter(steps), heading)
     result = names["result"]
     assert result.parameters.keys() == {"radius", "load"} and 0.0 < result.psi < float("inf")
 
@@ -165,8 +165,8 @@ def test_notebooks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         together = nbformat.v4.new_notebook(cells=[cell for book in books for cell in book.cells])
         for cell in together.cells:
             cell.source = full(cell.source)
-        here = {"metadata": {"path": tmp_path}}
-        NotebookClient(together, kernel_name="own", resources=here).execute()
+        resources = {"metadata": {"path": tmp_path}}
+        NotebookClient(together, kernel_name="own", resources=resources).execute()
     for book in books:
         outputs = [output for cell in book.cells for output in cell.get("outputs", [])]
         kinds = {kind for output in outputs for kind in output.get("data", {})}
@@ -231,10 +231,10 @@ def test_parts(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.Monke
 def test_programs_of_several_load_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They run one after the other, and what they ask for is there."""
     monkeypatch.chdir(tmp_path)
-    before = scene("Slider-crank")
-    x = 0.7 * np.ones(before["rod"].n_cells)
+    earlier = scene("Slider-crank")
+    x = 0.7 * np.ones(earlier["rod"].n_cells)
     text = "\n".join(program for _, program in programs(MOTIONS))
-    names = run(shorter(text), MOTIONS.name, {**before, "x": x})
+    names = run(shorter(text), MOTIONS.name, {**earlier, "x": x})
     evaluation = names["apart"]
     assert isinstance(evaluation, ffr.Evaluation)
     assert list(evaluation.load_cases) == ["slow", "fast"]

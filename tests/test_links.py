@@ -33,14 +33,14 @@ def prose(page: Path) -> str:
 @cache
 def anchors(page: Path) -> set[str]:
     """The headings of a page as GitHub and the site name them in links."""
-    found: set[str] = set()
+    links: set[str] = set()
     for heading in re.findall(r"^#+ +(.+?) *$", prose(page), re.M):
         text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading)
         slug = re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-")
-        while slug in found:
+        while slug in links:
             slug += "-1"
-        found.add(slug)
-    return found
+        links.add(slug)
+    return links
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(TOP)))

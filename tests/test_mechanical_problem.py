@@ -42,8 +42,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
 
 
 def test_several_numbers_from_one_simulation(scene: Scene, calls: dict[str, int]) -> None:
-    parts = (scene.mechanism, scene.integrator)
-    problem = ffr.MechanicalProblem(*parts, ffr.IntegralCompliance(), CONSTRAINTS)
+    arguments = (scene.mechanism, scene.integrator)
+    problem = ffr.MechanicalProblem(*arguments, ffr.IntegralCompliance(), CONSTRAINTS)
     result = problem.gradient(scene.bodies)
     # One adjoint pass for the compliance and one for the motor; mass and frequency need none.
     assert calls == {"simulate": 1, "adjoint": 2}
@@ -53,8 +53,8 @@ def test_several_numbers_from_one_simulation(scene: Scene, calls: dict[str, int]
     frequency = result.constraints["Frequency"]
     assert frequency.violation == pytest.approx(1.0 - frequency.value / 50.0, rel=1e-13)
     for constraint in CONSTRAINTS:
-        alone = ffr.MechanicalProblem(*parts, constraint.objective)
-        assert result.constraints[constraint.label].value == alone.value(scene.bodies).psi
+        problem_alone = ffr.MechanicalProblem(*arguments, constraint.objective)
+        assert result.constraints[constraint.label].value == problem_alone.value(scene.bodies).psi
 
 
 def test_nothing_is_simulated_without_need(scene: Scene, calls: dict[str, int]) -> None:
@@ -91,11 +91,11 @@ def test_calibrated_at_an_evaluation(scene: Scene, calls: dict[str, int]) -> Non
     """The problem and the evaluation, without another simulation, as those with meshes do it."""
     problem = ffr.MechanicalProblem(scene.mechanism, scene.integrator, Stretched())
     value = problem.value(scene.bodies)
-    corrected, told = problem.calibrated(value)
-    assert told.psi == pytest.approx(3.0 * value.psi, rel=1e-14)
-    assert corrected.gradient(scene.bodies).psi == told.psi
+    corrected, calibrated = problem.calibrated(value)
+    assert calibrated.psi == pytest.approx(3.0 * value.psi, rel=1e-14)
+    assert corrected.gradient(scene.bodies).psi == calibrated.psi
     assert calls["simulate"] == 2
-    assert corrected.calibrated(told) == (corrected, told)
+    assert corrected.calibrated(calibrated) == (corrected, calibrated)
 
 
 def test_names_of_constraints(scene: Scene) -> None:

@@ -47,11 +47,11 @@ def public_objects() -> list[tuple[str, Any]]:
 
 def entries(docstring: str, sections: str = "Args|Attributes") -> list[tuple[str, str]]:
     """Names and description of each entry in some sections of a Google docstring."""
-    found: list[tuple[str, str]] = []
+    matches: list[tuple[str, str]] = []
     for section in re.findall(rf"^(?:{sections}):\n((?: +.*\n|\n)+)", docstring + "\n", re.M):
         entry = r"^ {4}([\w*, ]+)(?: \([^)]*\))?:\s+(.*(?:\n {8}.*)*)"
-        found += re.findall(entry, section, re.M)
-    return found
+        matches += re.findall(entry, section, re.M)
+    return matches
 
 
 def documented_parameters(docstring: str) -> list[str]:
@@ -158,8 +158,8 @@ def test_pip_keeps_the_packages_of_debian(python: str, versions: str, refused: s
         r for r in expected if not r.marker or r.marker.evaluate({"python_version": python})
     ]
     for name, version in (entry.split() for entry in versions.split(", ")):
-        own = [requirement.specifier for requirement in expected if requirement.name == name]
-        assert own and all(version in specifier for specifier in own), name
+        specifiers = [requirement.specifier for requirement in expected if requirement.name == name]
+        assert specifiers and all(version in specifier for specifier in specifiers), name
     numpy = [requirement.specifier for requirement in expected if requirement.name == "numpy"]
     assert refused is None or not all(refused in specifier for specifier in numpy)
 

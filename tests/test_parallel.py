@@ -31,9 +31,9 @@ class Unportable(Exception):
 
 @pytest.mark.mpi
 def test_an_error_on_one_rank_is_raised_on_all(comm: MPI.Intracomm) -> None:
-    last = comm.size - 1
+    is_last = comm.size - 1
     with pytest.raises(ZeroDivisionError, match="on the last"), on_every_rank(comm, "test"):
-        if comm.rank == last:
+        if comm.rank == is_last:
             raise ZeroDivisionError("on the last")
     # the lowest rank decides between two kinds, and each has its own of one kind
     kinds = {0: KeyError, 1: IndexError}
@@ -42,17 +42,17 @@ def test_an_error_on_one_rank_is_raised_on_all(comm: MPI.Intracomm) -> None:
     with pytest.raises(KeyError, match=f"{comm.rank}"), on_every_rank(comm, "test"):
         raise KeyError(f"{comm.rank}")
     with on_every_rank(comm, "test"):
-        found = comm.rank
-    assert found == comm.rank
+        rank = comm.rank
+    assert rank == comm.rank
     kind = Unportable if comm.size == 1 else RuntimeError
     with pytest.raises(kind, match="held back") as caught, on_every_rank(comm, "test"):
-        if comm.rank == last:
+        if comm.rank == is_last:
             raise Unportable("held back", lambda: 0)
-    if comm.rank == last:
+    if comm.rank == is_last:
         assert Unportable in map(type, (caught.value, caught.value.__cause__))
     for leaving in (SystemExit(3), KeyboardInterrupt()):
         with pytest.raises(type(leaving)), on_every_rank(comm, "test"):
-            if comm.rank == last:
+            if comm.rank == is_last:
                 raise leaving
 
 
@@ -114,11 +114,15 @@ class Law:
 
 @pytest.mark.mpi
 def test_arguments_that_differ_are_named(comm: MPI.Intracomm) -> None:
-    last = comm.rank == comm.size - 1
-    own = np.arange(3.0 + comm.rank)
-    next_one = np.nextafter(0.3, 1.0) if last else 0.3
-    alike = {"law": Law(next_one, own), "function": lambda t: t, "start": next_one * np.arange(5.0)}
-    check_alike(comm, "test", {**alike, "text": "a", "nothing": None, "nan": np.nan})
+    is_last = comm.rank == comm.size - 1
+    own_values = np.arange(3.0 + comm.rank)
+    next_one = np.nextafter(0.3, 1.0) if is_last else 0.3
+    arguments = {
+        "law": Law(next_one, own_values),
+        "function": lambda t: t,
+        "start": next_one * np.arange(5.0),
+    }
+    check_alike(comm, "test", {**arguments, "text": "a", "nothing": None, "nan": np.nan})
     if comm.size == 1:
         return
     differing: dict[str, tuple[Any, Any, str]] = {
@@ -138,10 +142,10 @@ def test_arguments_that_differ_are_named(comm: MPI.Intracomm) -> None:
         "optimizer": (ffr.MMA(move=0.05), ffr.MMA(move=0.06), r"move=0\.05"),
     }
     with pytest.raises(ValueError, match=r"only differs .*nothing on rank 0, and 1 on rank"):
-        check_alike(comm, "test", {"only": 1} if last else {})
+        check_alike(comm, "test", {"only": 1} if is_last else {})
     for name, (here, there, message) in differing.items():
         with pytest.raises(ValueError, match=f"test: {name} differs between .*: .*{message}"):
-            check_alike(comm, "test", {"first": 1, name: there if last else here})
+            check_alike(comm, "test", {"first": 1, name: there if is_last else here})
 
 
 @pytest.mark.parametrize(

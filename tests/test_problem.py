@@ -83,16 +83,21 @@ def test_same_numbers_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
     The reduced half is replicated: not even round-off differs between ranks.
     """
     shared = reference_problem(comm, (40, 8), steps=400)
-    alone = reference_problem(MPI.COMM_SELF, (40, 8), steps=400)
+    serial_problem = reference_problem(MPI.COMM_SELF, (40, 8), steps=400)
     for kind in ("random", "level set"):
-        one, all_ = (of.gradient(designs(of)[kind]) for of in (alone, shared))
+        one, all_ = (
+            problem_of_case.gradient(designs(problem_of_case)[kind])
+            for problem_of_case in (serial_problem, shared)
+        )
         mine = all_.trajectory.y.tobytes() + np.float64(all_.psi).tobytes()
         assert len(set(comm.allgather(mine))) == 1
         assert all_.psi == pytest.approx(one.psi, rel=1e-9)
         found, expected = (e.fixed_interface_frequencies["rod"] for e in (all_, one))
         np.testing.assert_allclose(found, expected, rtol=1e-9)
         assert one.gradient is not None and all_.gradient is not None
-        place = {tuple(p): g for p, g in zip(_keys(alone), one.gradient["rod"], strict=True)}
+        place = {
+            tuple(p): g for p, g in zip(_keys(serial_problem), one.gradient["rod"], strict=True)
+        }
         expected = np.array([place[tuple(p)] for p in _keys(shared)])
         scale = np.linalg.norm(one.gradient["rod"]) / np.sqrt(len(one.gradient["rod"]))
         worst = np.max(np.abs(all_.gradient["rod"] - expected), initial=0.0)
@@ -256,8 +261,8 @@ def test_start_of_a_body_whose_damping_is_stiff(comm: MPI.Comm) -> None:
 
     def psi(steps: int) -> float:
         method = ffr.GeneralizedAlpha(0.2, steps)
-        of = ffr.Problem(problem.bodies, mechanism, method, problem.objective)
-        return of.value(np.ones(of.flexible["rod"].domain.n_cells)).psi
+        problem_of_case = ffr.Problem(problem.bodies, mechanism, method, problem.objective)
+        return problem_of_case.value(np.ones(problem_of_case.flexible["rod"].domain.n_cells)).psi
 
     assert psi(200) == pytest.approx(psi(1600), rel=1e-2)
 
@@ -286,26 +291,38 @@ def test_evaluations_of_other_problems_are_refused(comm: MPI.Intracomm) -> None:
     problem = slider_crank(comm, (12, 3), modes=2, steps=400)
     rod, mechanism, steps = problem.flexible["rod"], problem.mechanism, problem.integrator
     evaluation = problem.value(np.ones(rod.domain.n_cells))
-    parts = problem.bodies, mechanism, steps, problem.objective
+    arguments = problem.bodies, mechanism, steps, problem.objective
     falling = replace(mechanism, gravity=(0.0, -9.81))
     named = ffr.Mechanism({"bar": ffr.Placement()}, [ffr.Weld(("bar", "left"), ffr.Ground())])
     bound = [ffr.Constraint(ffr.Mass("rod"), upper=1.0)]
     for other, message in (
         (slider_crank(comm, (12, 3), modes=2, steps=400), "body 'rod' is not the one that was"),
-        (ffr.Problem({"bar": rod}, named, *parts[2:]), r"flexible bodies are \['rod'\], and those"),
-        (ffr.Problem(parts[0], falling, *parts[2:]), "its mechanism is not that of this problem"),
-        (ffr.Problem(*parts[:2], replace(steps, end_time=1.0), parts[3]), "its end time is not"),
-        (ffr.Problem(*parts, bound), "its load cases and their constraints are"),
+        (
+            ffr.Problem({"bar": rod}, named, *arguments[2:]),
+            r"flexible bodies are \['rod'\], and those",
+        ),
+        (
+            ffr.Problem(arguments[0], falling, *arguments[2:]),
+            "its mechanism is not that of this problem",
+        ),
+        (
+            ffr.Problem(*arguments[:2], replace(steps, end_time=1.0), arguments[3]),
+            "its end time is not",
+        ),
+        (ffr.Problem(*arguments, bound), "its load cases and their constraints are"),
     ):
         for use in (ffr.mode_error, ffr.Problem.differentiate, ffr.Problem.time_errors):
             with pytest.raises(ValueError, match=message):
                 use(other, evaluation)
         with pytest.raises(ValueError, match=r"is not the one that was|flexible bodies|its "):
             ffr.plotting.plot_scene(other, evaluation, "never.png")
-    heavy = ffr.Problem(*parts[:3], ffr.Mass("rod"))
+    heavy = ffr.Problem(*arguments[:3], ffr.Mass("rod"))
     for other, message in (
         (heavy, "the evaluation is of another objective: for its motion psi of this"),
-        (ffr.Problem(*parts[:2], replace(steps, steps=300), parts[3]), "has other time steps"),
+        (
+            ffr.Problem(*arguments[:2], replace(steps, steps=300), arguments[3]),
+            "has other time steps",
+        ),
     ):
         for report in (ffr.mode_error, ffr.propose_modes, ffr.model_report):
             with pytest.raises(ValueError, match=message):
@@ -338,5 +355,5 @@ def test_results_are_shown_without_their_arrays(comm: MPI.Intracomm) -> None:
         ffr.worst_stress(rod, evaluation, "rod"),
     ):
         assert "\n" not in repr(result) and len(repr(result)) < 500
-    shown = repr(reduced.integrals)
-    assert "6 elastic coordinates, in the plane, markers left, right" in shown
+    text = repr(reduced.integrals)
+    assert "6 elastic coordinates, in the plane, markers left, right" in text

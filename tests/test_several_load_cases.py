@@ -44,10 +44,14 @@ def test_gradient_of_each_combination(comm: MPI.Intracomm, combine: ffr.Combinat
     evaluation = problem.differentiate(problem.value(x), by_load_case=True)
 
     def numbers(at: np.ndarray) -> np.ndarray:
-        found = problem.value(at)
-        by_load_case = [case.psi for case in found.load_cases.values()]
+        owners_of_costs = problem.value(at)
+        by_load_case = [case.psi for case in owners_of_costs.load_cases.values()]
         return np.array(
-            [found.psi, *by_load_case, *(c.violation for c in found.constraints.values())]
+            [
+                owners_of_costs.psi,
+                *by_load_case,
+                *(c.violation for c in owners_of_costs.constraints.values()),
+            ]
         )
 
     gradients = [
@@ -62,13 +66,13 @@ def test_gradient_of_each_combination(comm: MPI.Intracomm, combine: ffr.Combinat
     )
     for gradient, difference in zip(gradients, expected, strict=True):
         assert gradient is not None
-        found = domain.sum(gradient["rod"] * direction)
-        assert found == pytest.approx(difference, rel=1e-6)
+        owners_of_costs = domain.sum(gradient["rod"] * direction)
+        assert owners_of_costs == pytest.approx(difference, rel=1e-6)
     # with one adjoint solution for all load cases the gradient is the same
-    together = problem.gradient(x)
-    assert together.gradient is not None and evaluation.gradient is not None
+    evaluation_of_all = problem.gradient(x)
+    assert evaluation_of_all.gradient is not None and evaluation.gradient is not None
     size = np.linalg.norm(evaluation.gradient["rod"])
-    rest = np.linalg.norm(together.gradient["rod"] - evaluation.gradient["rod"])
+    rest = np.linalg.norm(evaluation_of_all.gradient["rod"] - evaluation.gradient["rod"])
     assert rest < 1e-8 * size
 
 
@@ -79,22 +83,24 @@ def test_numbers_are_those_of_each_load_case_alone(comm: MPI.Intracomm) -> None:
     evaluation = problem.differentiate(problem.value(x), by_load_case=True)
     total = np.zeros(len(x))
     for name, case in problem.load_cases.items():
-        parts = case.mechanism, case.integrator, case.objective, case.constraints
-        alone = ffr.Problem(problem.bodies, *parts).gradient(x)
-        own = evaluation.alone(name)
-        assert own.psi == alone.psi == evaluation.load_cases[name].psi
-        assert {k: c.violation for k, c in own.constraints.items()} == {
+        arguments = case.mechanism, case.integrator, case.objective, case.constraints
+        alone = ffr.Problem(problem.bodies, *arguments).gradient(x)
+        evaluation_of_case = evaluation.alone(name)
+        assert evaluation_of_case.psi == alone.psi == evaluation.load_cases[name].psi
+        assert {k: c.violation for k, c in evaluation_of_case.constraints.items()} == {
             k: c.violation for k, c in alone.constraints.items()
         }
         label = f"{name}: {next(iter(alone.constraints))}"
         assert evaluation.constraints[label].value == alone.constraints[label.split(": ")[1]].value
-        assert own.gradient is not None and alone.gradient is not None
+        assert evaluation_of_case.gradient is not None and alone.gradient is not None
         size = np.linalg.norm(alone.gradient["rod"])
-        assert np.linalg.norm(own.gradient["rod"] - alone.gradient["rod"]) < 1e-8 * size
-        assert np.array_equal(own.trajectory.y, alone.trajectory.y)
+        assert (
+            np.linalg.norm(evaluation_of_case.gradient["rod"] - alone.gradient["rod"]) < 1e-8 * size
+        )
+        assert np.array_equal(evaluation_of_case.trajectory.y, alone.trajectory.y)
         total += WEIGHTS[name] * alone.gradient["rod"]
         # pictures and reports of one load case take these
-        assert ffr.model_report(problem.alone(name), own).psi == alone.psi
+        assert ffr.model_report(problem.alone(name), evaluation_of_case).psi == alone.psi
     weighted = sum(WEIGHTS[n] * case.psi for n, case in evaluation.load_cases.items())
     assert evaluation.psi == pytest.approx(weighted, rel=1e-14)
     assert evaluation.gradient is not None
@@ -117,10 +123,10 @@ def test_bodies_are_reduced_once_and_derivatives_go_back_together(
     for combine in (ffr.WeightedSum(WEIGHTS), ffr.WorstCase(WEIGHTS)):
         problem = three_load_cases(comm, combine, (10, 2), modes=2)
         evaluation = problem.value(wavy(problem))
-        near = combine.near({name: case.psi for name, case in evaluation.load_cases.items()})
+        smoothed = combine.near({name: case.psi for name, case in evaluation.load_cases.items()})
         calls.update(dict.fromkeys(calls, 0))
         problem.differentiate(problem.value(wavy(problem)))
-        assert calls == {"reduce_checked": 1, "pullback": max(1, len(near)) + 3}
+        assert calls == {"reduce_checked": 1, "pullback": max(1, len(smoothed)) + 3}
 
 
 def test_one_load_case_by_name_is_the_same(comm: MPI.Intracomm) -> None:
@@ -159,16 +165,19 @@ def test_combinations_of_numbers() -> None:
 def test_same_numbers_of_several_load_cases_on_any_ranks(comm: MPI.Intracomm) -> None:
     """Psi to 1e-9 and gradients to 1e-7 as on one rank alone, with steps of both kinds."""
     shared = three_load_cases(comm, ffr.WorstCase(WEIGHTS), steps=300)
-    alone = three_load_cases(MPI.COMM_SELF, ffr.WorstCase(WEIGHTS), steps=300)
+    serial_problem = three_load_cases(MPI.COMM_SELF, ffr.WorstCase(WEIGHTS), steps=300)
     adaptive = ffr.RadauIIA(0.5, tolerance=1e-5)
-    for problem in (shared, alone):
+    for problem in (shared, serial_problem):
         problem.load_cases["lever"] = replace(problem.load_cases["lever"], integrator=adaptive)
     one, every = (
         problem.differentiate(problem.value(wavy(problem)), by_load_case=True)
-        for problem in (alone, shared)
+        for problem in (serial_problem, shared)
     )
     assert every.psi == pytest.approx(one.psi, rel=1e-9)
-    place = {tuple(p): k for k, p in enumerate(np.round(alone.flexible["rod"].domain.centroids, 9))}
+    place = {
+        tuple(p): k
+        for k, p in enumerate(np.round(serial_problem.flexible["rod"].domain.centroids, 9))
+    }
     mine = [place[tuple(p)] for p in np.round(shared.flexible["rod"].domain.centroids, 9)]
     for name, case in every.load_cases.items():
         assert case.psi == pytest.approx(one.load_cases[name].psi, rel=1e-9)
@@ -187,8 +196,10 @@ def test_same_numbers_of_several_load_cases_on_any_ranks(comm: MPI.Intracomm) ->
 
 def test_work_is_balanced() -> None:
     costs = {"a": 5.0, "b": 1.0, "c": 4.0, "d": 3.0, "e": 3.0}
-    found = owners(costs, 2)
-    loads = [sum(costs[name] for name, rank in found.items() if rank == r) for r in range(2)]
+    owners_of_costs = owners(costs, 2)
+    loads = [
+        sum(costs[name] for name, rank in owners_of_costs.items() if rank == r) for r in range(2)
+    ]
     assert loads == [8.0, 8.0]
     assert owners(costs, 1) == dict.fromkeys(costs, 0)
     assert len(set(owners(costs, 9).values())) == 5
@@ -311,12 +322,14 @@ def test_modes_errors_and_tolerances_of_several_load_cases(comm: MPI.Intracomm) 
     x = wavy(problem)
     evaluation = problem.value(x)
     twice = {name: problem.load_cases["slow"] for name in ("a", "b")}
-    same = ffr.Problem.of_load_cases(problem.bodies, twice, ffr.PowerMean(p=3.0))
+    with_power_mean = ffr.Problem.of_load_cases(problem.bodies, twice, ffr.PowerMean(p=3.0))
     single = problem.alone("slow")
-    found, expected = (ffr.mode_error(p, p.value(x))["rod"] for p in (same, single))
-    assert found == pytest.approx(expected, rel=1e-6)
-    more = ffr.propose_modes(problem, evaluation, tolerance=1e-4)
-    richer = problem.with_modes(more)
+    owners_of_costs, expected = (
+        ffr.mode_error(p, p.value(x))["rod"] for p in (with_power_mean, single)
+    )
+    assert owners_of_costs == pytest.approx(expected, rel=1e-6)
+    proposed = ffr.propose_modes(problem, evaluation, tolerance=1e-4)
+    richer = problem.with_modes(proposed)
     assert richer.combine is problem.combine and list(richer.load_cases) == list(problem.load_cases)
     assert ffr.mode_error(richer, richer.value(x))["rod"] < 1e-3
     report = ffr.model_report(problem, evaluation)
@@ -324,13 +337,16 @@ def test_modes_errors_and_tolerances_of_several_load_cases(comm: MPI.Intracomm) 
     assert "damping" not in report.left_out and "gravity" in report.left_out
     calm = problem.with_tolerance(x, 0.05)
     assert all(m.integrator.steps >= 200 for m in calm.load_cases.values())
-    corrected, told = problem.calibrated(evaluation)
+    corrected, calibrated = problem.calibrated(evaluation)
     assert corrected.load_cases["slow"] is problem.load_cases["slow"]
     stress = ffr.worst_stress(
-        problem.flexible["rod"], told.alone("lever"), "rod", relaxation=0.5
+        problem.flexible["rod"], calibrated.alone("lever"), "rod", relaxation=0.5
     ).largest
-    assert told.constraints["lever: stress"].value == pytest.approx(stress, rel=1e-9)
-    assert ffr.worst_stress(problem.flexible["rod"], told, "rod", relaxation=0.5).largest >= stress
+    assert calibrated.constraints["lever: stress"].value == pytest.approx(stress, rel=1e-9)
+    assert (
+        ffr.worst_stress(problem.flexible["rod"], calibrated, "rod", relaxation=0.5).largest
+        >= stress
+    )
 
 
 def test_elements_one_by_one_give_the_same_gradient(comm: MPI.Intracomm) -> None:

@@ -69,14 +69,14 @@ def nodes(path: Path) -> list[ast.AST]:
 
 def imports(path: Path) -> Iterator[tuple[str, str]]:
     """Imported modules of this package: the name of the folder, and the rest of the path."""
-    parts = path.relative_to(ROOT).with_suffix("").parts
+    names_of_path = path.relative_to(ROOT).with_suffix("").parts
     for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and node.level:
-            base = [*parts[: len(parts) - node.level]]
+            base = [*names_of_path[: len(names_of_path) - node.level]]
             names = [node.module] if node.module else [alias.name for alias in node.names]
             for name in names:
-                folder, _, rest = ".".join([*base, name]).partition(".")
-                yield folder, rest
+                folder, _, tail = ".".join([*base, name]).partition(".")
+                yield folder, tail
 
 
 def name(path: Path) -> str:
@@ -84,16 +84,16 @@ def name(path: Path) -> str:
 
 
 def test_floors_name_every_folder() -> None:
-    here = {path.relative_to(ROOT).with_suffix("").parts[0] for path in SOURCES}
-    assert here == set(FLOORS)
+    folders = {path.relative_to(ROOT).with_suffix("").parts[0] for path in SOURCES}
+    assert folders == set(FLOORS)
 
 
 def test_no_import_runs_upwards() -> None:
     upwards = []
     for path in SOURCES:
-        own = path.relative_to(ROOT).with_suffix("").parts[0]
+        own_methods = path.relative_to(ROOT).with_suffix("").parts[0]
         for folder, _ in imports(path):
-            if folder != own and FLOORS.index(folder) <= FLOORS.index(own):
+            if folder != own_methods and FLOORS.index(folder) <= FLOORS.index(own_methods):
                 upwards.append(f"{name(path)} imports {folder}")
     assert not upwards
 
@@ -102,26 +102,26 @@ def test_other_folders_are_entered_by_their_door() -> None:
     """What a folder offers to others stands in its __init__; only _compat is used by its name."""
     past_the_door = []
     for path in SOURCES:
-        own = path.relative_to(ROOT).with_suffix("").parts[0]
+        own_methods = path.relative_to(ROOT).with_suffix("").parts[0]
         for folder, rest in imports(path):
-            if folder != own and rest and rest != "_compat":
+            if folder != own_methods and rest and rest != "_compat":
                 past_the_door.append(f"{name(path)} imports {folder}.{rest}")
     assert not past_the_door
 
 
 def offered_by(path: Path) -> set[str]:
     """What an __init__ imports from its folder, what a module defines without an underscore."""
-    found = set()
+    names = set()
     for node in ast.parse(path.read_text()).body:
         if isinstance(node, ast.ImportFrom):
-            found |= {a.name for a in node.names if node.level == 1 or a.name == a.asname}
+            names |= {a.name for a in node.names if node.level == 1 or a.name == a.asname}
         elif isinstance(node, ast.FunctionDef | ast.ClassDef):
-            found.add(node.name)
+            names.add(node.name)
         elif isinstance(node, ast.Assign):
-            found |= {target.id for target in node.targets if isinstance(target, ast.Name)}
+            names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
         elif isinstance(node, ast.AnnAssign):
-            found.add(ast.unparse(node.target))
-    return {name for name in found if not name.startswith("_")}
+            names.add(ast.unparse(node.target))
+    return {name for name in names if not name.startswith("_")}
 
 
 def test_names_from_other_folders_are_on_offer_there() -> None:
@@ -130,12 +130,15 @@ def test_names_from_other_folders_are_on_offer_there() -> None:
     offered |= {path.stem: offered_by(path) for path in ROOT.glob("[!_]*.py")}
     private = []
     for path in SOURCES:
-        parts = path.relative_to(ROOT).with_suffix("").parts
+        names_of_path = path.relative_to(ROOT).with_suffix("").parts
         for node in nodes(path):
             if not (isinstance(node, ast.ImportFrom) and node.level and node.module):
                 continue
-            folder, *rest = [*parts[: len(parts) - node.level], *node.module.split(".")]
-            if folder == parts[0] or rest:
+            folder, *tail = [
+                *names_of_path[: len(names_of_path) - node.level],
+                *node.module.split("."),
+            ]
+            if folder == names_of_path[0] or tail:
                 continue
             names = {alias.name for alias in node.names} - {"_compat"}
             private += [f"{name(path)}: {n}" for n in names - offered[folder]]
@@ -162,18 +165,20 @@ def test_folders_are_free_of_circles() -> None:
     """No module imports itself by way of others."""
     edges: dict[str, set[str]] = {}
     for path in SOURCES:
-        parts = path.relative_to(ROOT).with_suffix("").parts
+        names_of_path = path.relative_to(ROOT).with_suffix("").parts
         if path.name == "__init__.py":
             continue
-        found = edges.setdefault(".".join(parts), set())
+        names = edges.setdefault(".".join(names_of_path), set())
         for folder, rest in imports(path):
-            if folder == parts[0] and rest:
-                found.add(f"{folder}.{rest}")
-    left = dict(edges)
-    while leaves := [module for module, below in left.items() if not below & left.keys()]:
+            if folder == names_of_path[0] and rest:
+                names.add(f"{folder}.{rest}")
+    edges_left = dict(edges)
+    while leaves := [
+        module for module, below in edges_left.items() if not below & edges_left.keys()
+    ]:
         for module in leaves:
-            del left[module]
-    assert not left
+            del edges_left[module]
+    assert not edges_left
 
 
 @pytest.mark.parametrize(
@@ -238,7 +243,7 @@ def test_a_joint_states_its_rows_once() -> None:
     for module, method in (("joints", "rows"), ("forces", "element")):
         tree = ast.parse((ROOT / "mechanism" / f"{module}.py").read_text())
         for kind in (node for node in tree.body if isinstance(node, ast.ClassDef)):
-            own = [node.name for node in kind.body if isinstance(node, ast.FunctionDef)]
-            alike = [n for n in own if re.search(rf"(^|_){method}($|_)", n)]
+            own_methods = [node.name for node in kind.body if isinstance(node, ast.FunctionDef)]
+            alike = [n for n in own_methods if re.search(rf"(^|_){method}($|_)", n)]
             assert alike in ([], [method]), f"{kind.name}: {alike}"
             assert not re.search(r"Spatial|InSpace|Planar(?!$)|InPlane", kind.name), kind.name

@@ -119,8 +119,8 @@ def test_pages_have_facts_and_a_picture(output: Path, page: str) -> None:
 
 def test_scipy_finds_the_published_bending(output: Path) -> None:
     """To the accuracy that is asked of it here."""
-    kept = json.loads((output / "measurements.json").read_text())
-    (found,) = (one for key, one in kept.items() if '"published", "slider_crank"' in key)
+    measurements = json.loads((output / "measurements.json").read_text())
+    (found,) = (one for key, one in measurements.items() if '"published", "slider_crank"' in key)
     assert found["apart"] < 0.01
 
 
@@ -130,8 +130,8 @@ def test_arrays_are_read_without_this_package(output: Path) -> None:
     reader = TOP / "benchmarks" / "read_arrays.py"
     assert reader.read_text().count("\n") <= 50 and "dolfinx" not in reader.read_text()
     command = [sys.executable, "-I", str(reader), *files, "1e-6"]
-    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    for line in told.splitlines():
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    for line in printed.splitlines():
         found, given = (float(part.split()[-1]) for part in line.split(", "))
         assert found == pytest.approx(given, rel=1e-4)
     rod, stored = ffr.VolumeIntegrals.load(files[0]), np.load(files[0])
@@ -182,9 +182,11 @@ def test_error_over_number_and_kind_of_modes(rows: Rows, error: str) -> None:
     assert np.all(np.diff(errors) < 0.0)
     assert errors[-1] < 1e-2 * errors[0]
     for kind in ("stretch, normal modes", "normal modes alone"):
-        own = [row for row in rows("modes", kind=kind) if int(row["modes"]) > 0]
-        assert np.all(column(own, error) > 0.5)  # a clamped beam bears six times a pinned one
-        assert np.ptp(column(own, error)) < 1e-3
+        rows_with_modes = [row for row in rows("modes", kind=kind) if int(row["modes"]) > 0]
+        assert np.all(
+            column(rows_with_modes, error) > 0.5
+        )  # a clamped beam bears six times a pinned one
+        assert np.ptp(column(rows_with_modes, error)) < 1e-3
 
 
 def test_estimated_error_brackets_the_true_one(rows: Rows) -> None:
@@ -268,7 +270,9 @@ def test_errors_of_time_integration_fall(rows: Rows, scene: str) -> None:
 
 @pytest.mark.parametrize("scene", ["reference", "fast"])
 def test_default_damping_costs_little_accuracy(rows: Rows, scene: str) -> None:
-    own = rows("integration_damping", scene=scene)
-    errors = dict(zip(column(own, "radius_text"), column(own, "error_gradient"), strict=True))
+    damped_rows = rows("integration_damping", scene=scene)
+    errors = dict(
+        zip(column(damped_rows, "radius_text"), column(damped_rows, "error_gradient"), strict=True)
+    )
     assert errors[0.8] < 1.2 * errors[1.0]
     assert errors[0.8] < 0.5 * errors[0.0]

@@ -19,9 +19,9 @@ def test_slider_crank_starts_as_published() -> None:
     motion = turning(beam(), ffr.RadauIIA(1e-4, steps=10), start)
     own, w = motion.model.coordinates("rod"), motion.w[0]
     assert w[own.rotation] == pytest.approx(-1.344541576008661e-03, rel=1e-6)
-    told = [-6.833142732779555e-05, 0.0, -4.268463211410861, 2.098334687947376e-01]
+    published = [-6.833142732779555e-05, 0.0, -4.268463211410861, 2.098334687947376e-01]
     # terms of the size of the slider's 5,062 m/s^2 cancel in these: ten digits of them agree
-    assert w[own.elastic] == pytest.approx(told, rel=0.0, abs=5e-7)
+    assert w[own.elastic] == pytest.approx(published, rel=0.0, abs=5e-7)
     slider = w[own.position][0] + w[own.elastic][3]  # the rod lies along x
     slider -= (ROD + START[3]) * motion.v[0][own.rotation] ** 2
     assert slider == pytest.approx(-5.062194923138079e03, rel=1e-9)
@@ -33,8 +33,8 @@ def test_squeezer_starts_as_published() -> None:
     first, second = (motion.w[0][motion.model.coordinates(f"K{k}").rotation] for k in (1, 2))
     expected = [14222.4439199541139, -10666.8329399655854]
     assert [first, second - first] == pytest.approx(expected, rel=1e-10)
-    told = [98.5668703962410896, -6.12268834425566265]
-    assert motion.joint_force("K3 E")[0] == pytest.approx(told, rel=1e-8)
+    published = [98.5668703962410896, -6.12268834425566265]
+    assert motion.joint_force("K3 E")[0] == pytest.approx(published, rel=1e-8)
     for name in ("K4", "K6"):
         assert motion.joint_force(f"{name} E")[0] == pytest.approx([0.0, 0.0], abs=1e-6)
 

@@ -88,9 +88,9 @@ def change(space: bool, seed: int) -> VolumeIntegrals:
     """
     if not space:
         return random_direction({"rod": small(space)}, seed, "mSGNWP")["rod"]
-    found = cloud(modes=2, seed=1 + seed)
-    still = {name: replace(m, position=np.zeros(3)) for name, m in found.markers.items()}
-    return replace(found, K=0.0 * found.K, markers=still)
+    body = cloud(modes=2, seed=1 + seed)
+    still = {name: replace(m, position=np.zeros(3)) for name, m in body.markers.items()}
+    return replace(body, K=0.0 * body.K, markers=still)
 
 
 @pytest.mark.parametrize("space", [False, True])

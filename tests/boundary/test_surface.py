@@ -115,8 +115,8 @@ def test_derivative_of_psi_is_that_of_the_mesh_that_moves(comm: MPI.Comm) -> Non
         values.append([np.log(again.value(np.ones(moved.n_cells)).psi), moved.area])
     psi, volume = np.subtract(*values) / (2.0 * step) * MEMBER
     assert psi == pytest.approx(slopes.psi @ offsets, rel=1e-4)
-    told = 0.9 * np.prod(SIZE) * (slopes.slopes[-1] @ offsets)
-    assert volume == pytest.approx(told, rel=1e-4)
+    expected = 0.9 * np.prod(SIZE) * (slopes.slopes[-1] @ offsets)
+    assert volume == pytest.approx(expected, rel=1e-4)
 
 
 def plate(thickness: float, place: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -139,8 +139,8 @@ def test_walls(place: float) -> None:
     outwards = 1e-4 * np.ones(solid_surface.n_controls)
     beside = [solid_surface.shifted(side * outwards) for side in (1.0, -1.0)]
     mean = [np.median(other.walls.thickness) for other in beside]
-    told = -np.median(rows.least * (rows.slopes @ outwards))
-    assert 0.5 * np.subtract(*mean) == pytest.approx(told, rel=0.02)
+    expected = -np.median(rows.least * (rows.slopes @ outwards))
+    assert 0.5 * np.subtract(*mean) == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("place", [0.0, 0.018])
@@ -185,8 +185,8 @@ def test_windows_in_which_no_member_fits_are_closed(depth: float, stays: bool) -
 
     solid_surface = surface(beam(MPI.COMM_SELF), hollow)
     face = np.linspace(-0.006, 0.006, 41)
-    there = np.stack(np.meshgrid(0.08 + face, 0.003 + face, [0.02], indexing="ij"), axis=-1)
-    assert np.any(solid_surface.field(there.reshape(-1, 3)) < 0.0) == stays
+    face_points = np.stack(np.meshgrid(0.08 + face, 0.003 + face, [0.02], indexing="ij"), axis=-1)
+    assert np.any(solid_surface.field(face_points.reshape(-1, 3)) < 0.0) == stays
     assert len(solid_surface.part.cavities) == (not stays)
     assert solid_surface.walls.thickness[0] > 0.999 * MEMBER
 
@@ -252,10 +252,10 @@ def test_a_pointed_hollow_ends_in_a_wall(angle: float, least: float) -> None:
     line = np.column_stack([np.tile([0.0813, 0.0017], (2001, 1)), np.linspace(-0.02, 0.0, 2001)])
     tip = line[np.argmax(solid_surface.field(line) < 0.0), 2] + 0.02
     assert tip > 0.98 * solid_surface.member
-    apart = 0.5 * np.sqrt(2.0) * 0.25 * solid_surface.member
+    spacing = 0.5 * np.sqrt(2.0) * 0.25 * solid_surface.member
     if angle < 30.0:  # else none is as thin any more
         assert len(solid_surface.walls.thickness) > 20
-        assert 0.99 * tip < solid_surface.walls.thickness[0] < tip + slope * apart
+        assert 0.99 * tip < solid_surface.walls.thickness[0] < tip + slope * spacing
 
 
 @pytest.mark.parametrize(("length", "left"), [(1.6, 0.87), (6.0, 1.0)])
@@ -290,8 +290,8 @@ def test_a_bar_at_an_edge_is_as_thick_as_the_ball_amid_it() -> None:
     )
     amid = np.abs(walls.middles[:, 0] - 0.08) < 0.03
     line = np.linspace(0.02, 0.01, 2001)
-    there = solid_surface.field(np.column_stack([np.full(2001, 0.08), line, line])) > 0.0
-    exact = 2.0 * np.sqrt(2.0) * (0.02 - line[there].min()) / (1.0 + np.sqrt(2.0))
+    inside = solid_surface.field(np.column_stack([np.full(2001, 0.08), line, line])) > 0.0
+    exact = 2.0 * np.sqrt(2.0) * (0.02 - line[inside].min()) / (1.0 + np.sqrt(2.0))
     assert np.count_nonzero(amid) > 20
     np.testing.assert_allclose(walls.thickness[amid], exact, rtol=0.05)
 
@@ -345,8 +345,8 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(
         problem = beam(ranks)
         start = surface(problem, share=0.95)
         with pytest.warns(ffr.PartWarning, match="still changes by .* whose value is reported"):
-            found = move_boundary(problem, start, volume=0.9, iterations=steps, progress=False)
-        results.append(found)
+            ended = move_boundary(problem, start, volume=0.9, iterations=steps, progress=False)
+        results.append(ended)
     result = results[0]
     assert result.history["psi"] == pytest.approx(results[-1].history["psi"], rel=1e-6)
     if comm.size > 1:  # verification and files on several ranks are tested in tests/part
@@ -355,13 +355,16 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(
     assert result.history["volume"][-1] < 0.9 * 1.01
     solid = result.part()
     assert result.history["narrowest"][-1] > 0.998 * MEMBER
-    found = solid.verify(result.problem, result.evaluation, progress=False, tolerance=0.05)
-    assert found.fitted[0].psi == result.psi  # told by that mesh, and not computed again
-    assert found.fitted[1].bodies["beam"].cells > 1.8 * found.fitted[0].bodies["beam"].cells
+    verification = solid.verify(result.problem, result.evaluation, progress=False, tolerance=0.05)
+    assert verification.fitted[0].psi == result.psi  # told by that mesh, and not computed again
+    assert (
+        verification.fitted[1].bodies["beam"].cells
+        > 1.8 * verification.fitted[0].bodies["beam"].cells
+    )
     (path,) = solid.write(shared_tmp_path / "beam.stl")
     assert pyvista.read(path).clean().is_manifold
-    told = result.summary()["volume"]
-    assert found.fitted[0].bodies["beam"].volume == pytest.approx(told, rel=1e-9)
+    expected = result.summary()["volume"]
+    assert verification.fitted[0].bodies["beam"].volume == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -382,8 +385,8 @@ def test_solids_are_cut_finer_until_psi_stands(
         return trial(psi)
 
     monkeypatch.setattr(Descent, "resolved", cut)
-    found, change = Descent(beam(MPI.COMM_SELF), {}, {}, {}).finer(trial(1.0))
-    assert found.evaluation.psi == told
+    finest, change = Descent(beam(MPI.COMM_SELF), {}, {}, {}).finer(trial(1.0))
+    assert finest.evaluation.psi == told
     steps = [1.0, *(psi for psi in finer[: 1 + (told == 1.3)])]
     assert change == pytest.approx(abs(steps[-2] / steps[-1] - 1.0))
 

@@ -42,8 +42,13 @@ def test_area_converges_to_the_closed_form(comm: MPI.Comm, order: int, expected:
 
 def test_other_dimensions_have_the_area_of_the_closed_form(comm: MPI.Comm) -> None:
     """A shank that widens towards the right, small fillets, a short rod."""
-    other = {"bores": (0.01, 0.02), "eyes": (0.03, 0.04), "rings": (0.01, 0.005), "fillet": 0.005}
-    rod = ConnectingRod(length=0.2, shank=(0.01, 0.03), **other)
+    dimensions = {
+        "bores": (0.01, 0.02),
+        "eyes": (0.03, 0.04),
+        "rings": (0.01, 0.005),
+        "fillet": 0.005,
+    }
+    rod = ConnectingRod(length=0.2, shank=(0.01, 0.03), **dimensions)
     domain = rod.domain(comm, 0.003)
     assert domain.area == pytest.approx(area_of(rod), rel=2e-7)
     assert domain.bounding_box == pytest.approx(np.array([[-0.03, -0.04], [0.24, 0.04]]), rel=1e-6)

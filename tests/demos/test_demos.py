@@ -99,13 +99,13 @@ def test_slider_crank_on_any_number_of_ranks(undrawn: Callable[..., Path]) -> No
     """The program on several ranks finds the same design as a call on one."""
     iterations = 3
     out = undrawn("slider_crank", *SMALL[:5], "--boundary", "0", "--iterations", f"{iterations}")
-    found, history = summary(out), read_history(out / "history.csv")
-    assert found["ranks"] == MPI.COMM_WORLD.size
-    assert found["elements"] == {"rod": 160}
+    numbers, history = summary(out), read_history(out / "history.csv")
+    assert numbers["ranks"] == MPI.COMM_WORLD.size
+    assert numbers["elements"] == {"rod": 160}
     problem = reference_problem(MPI.COMM_SELF, (40, 4), steps=STEPS)
     domain = problem.flexible["rod"].domain
     for name, x in simple_designs(domain).items():
-        assert found[f"compliance_{name}"] == pytest.approx(problem.value(x).psi, rel=1e-7)
+        assert numbers[f"compliance_{name}"] == pytest.approx(problem.value(x).psi, rel=1e-7)
     with warnings.catch_warnings():  # no good design in so few iterations
         warnings.simplefilter("ignore")
         options = {"volume": 0.5, "iterations": iterations, "boundary": 0, "progress": False}
@@ -127,9 +127,9 @@ def test_files_of_the_slider_crank(demo: Callable[..., Path]) -> None:
     assert numbers["psi"] == final
     assert numbers["part_pieces"] == 1
     assert numbers["part_change"] < 0.01
-    told = numbers["boundary"]["psi"] / final  # by the steps of the boundary
-    assert numbers["boundary"]["steps"] == 1 and 0.5 < told < 1.5
-    relative = told * numbers["compliance_final_relative"] * (1.0 + numbers["part_difference"])
+    by_steps = numbers["boundary"]["psi"] / final  # by the steps of the boundary
+    assert numbers["boundary"]["steps"] == 1 and 0.5 < by_steps < 1.5
+    relative = by_steps * numbers["compliance_final_relative"] * (1.0 + numbers["part_difference"])
     assert numbers["compliance_part_relative"] == pytest.approx(relative, rel=1e-9)
     with Image.open(out / "motion.gif") as film:
         assert film.n_frames == 6
@@ -144,8 +144,8 @@ def test_short_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """README's program runs as it stands, but for a coarser mesh and fewer iterations."""
     text = (TOP / "demos" / "short.py").read_text()
     blocks = re.findall(r"```python\n(.*?)```", (TOP / "README.md").read_text(), re.DOTALL)
-    own = text.split('"""\n', 1)[1].strip()
-    assert any(block.strip() == own for block in blocks)
+    program = text.split('"""\n', 1)[1].strip()
+    assert any(block.strip() == program for block in blocks)
     coarse = text.replace("(200, 20)", "(40, 6)").replace("iterations=36", "iterations=2")
     assert coarse != text
     monkeypatch.chdir(tmp_path)

@@ -67,19 +67,19 @@ def test_filter_and_projection_with_their_derivative(
     comm: MPI.Intracomm, beta: float, eta: float
 ) -> None:
     """The same on any number of ranks, and exact."""
-    found, alone = (
+    filtered, alone = (
         ffr.design.DensityFilter(domain, 0.02) for domain in (rod(comm), rod(MPI.COMM_SELF))
     )
     projection, z = ffr.design.HeavisideProjection(beta, eta), waves(rod(comm))
-    np.testing.assert_allclose(found(z), alone(waves(rod(MPI.COMM_SELF))), rtol=1e-12)
+    np.testing.assert_allclose(filtered(z), alone(waves(rod(MPI.COMM_SELF))), rtol=1e-12)
     rng = np.random.default_rng(4)
     weights, direction = rng.random(len(z)), rng.standard_normal(len(z))
 
     def value(way: float) -> float:
-        return float(weights @ projection(found(z + way * direction)) ** 2)
+        return float(weights @ projection(filtered(z + way * direction)) ** 2)
 
-    means = found(z)
-    bar = found.pullback(projection.pullback(means, 2.0 * weights * projection(means)))
+    means = filtered(z)
+    bar = filtered.pullback(projection.pullback(means, 2.0 * weights * projection(means)))
     check_slope(value, float(bar @ direction), 1e-2)
 
 
@@ -90,10 +90,10 @@ def test_pullback_is_the_transpose_where_cells_differ() -> None:
     graded.topology.create_connectivity(1, 2)
     ends = {"left": mesh.locate_entities_boundary(graded, 1, lambda x: x[0] < 1e-9)}
     domain = ffr.Domain(graded, ends)
-    found, rng = ffr.design.DensityFilter(domain, 0.03), np.random.default_rng(7)
+    density_filter, rng = ffr.design.DensityFilter(domain, 0.03), np.random.default_rng(7)
     a, b = rng.standard_normal((2, domain.n_cells))
-    assert a @ found(b) == pytest.approx(found.pullback(a) @ b, rel=1e-12)
-    assert abs(a @ found(b) - found(a) @ b) > 1e-2 * abs(a @ found(b))
+    assert a @ density_filter(b) == pytest.approx(density_filter.pullback(a) @ b, rel=1e-12)
+    assert abs(a @ density_filter(b) - density_filter(a) @ b) > 1e-2 * abs(a @ density_filter(b))
 
 
 @pytest.mark.parametrize("beta", [1e-3, 1.0, 64.0])

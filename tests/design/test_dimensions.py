@@ -103,11 +103,13 @@ def of_moved_meshes(
 
     def psi(h: float) -> float:
         nodes[:, : domain.dimension] += h * motion.nodes @ along
-        there = dict(zip(facets, (centers + h * motion.centers @ along).tolist(), strict=True))
-        moved = ffr.Domain(domain.mesh, facets, order=2, centers=there)
-        found = scene(moved).value(np.ones(domain.n_cells)).psi
+        moved_centers = dict(
+            zip(facets, (centers + h * motion.centers @ along).tolist(), strict=True)
+        )
+        moved = ffr.Domain(domain.mesh, facets, order=2, centers=moved_centers)
+        moved_psi = scene(moved).value(np.ones(domain.n_cells)).psi
         nodes[:] = places
-        return found
+        return moved_psi
 
     h = 1e-3
     return (8.0 * (psi(h) - psi(-h)) - psi(2.0 * h) + psi(-2.0 * h)) / (12.0 * h)
@@ -243,21 +245,23 @@ def test_sizing(comm: MPI.Intracomm) -> None:
     history = result.history
     assert result.psi < 0.97 * history["psi"][0] and result.feasible
     assert history["constraint Mass"][-1] <= 1e-8
-    found, even = result.dimensions["rod"], design().named(design().even())
+    dimensions, even = result.dimensions["rod"], design().named(design().even())
     for name, (lower, upper) in BOUNDS.items():
-        assert lower <= found[name] <= upper
+        assert lower <= dimensions[name] <= upper
         assert history[f"rod: {name}"][0] == pytest.approx(even[name], rel=1e-12)
     assert set(result.at_bounds["rod"]) == {
-        name for name, pair in BOUNDS.items() if min(abs(found[name] - end) for end in pair) < 1e-5
+        name
+        for name, pair in BOUNDS.items()
+        if min(abs(dimensions[name] - end) for end in pair) < 1e-5
     }
     assert result.summary()["dimensions"] == result.dimensions and "of the parts" in str(result)
     part, domain = result.part("rod"), result.problem.flexible["rod"].domain
     assert isinstance(part, ffr.Part) and part.holes == 2 and part.pieces == 1
     assert len(part.interface("right")) == 2 and part.area == pytest.approx(domain.area, rel=1e-4)
-    alone = run(MPI.COMM_SELF) if comm.size > 1 else result
-    np.testing.assert_allclose(history["psi"], alone.history["psi"], rtol=1e-9)
-    for name, value in alone.dimensions["rod"].items():
-        assert found[name] == pytest.approx(value, abs=1e-7 * np.ptp(BOUNDS[name]))
+    serial_result = run(MPI.COMM_SELF) if comm.size > 1 else result
+    np.testing.assert_allclose(history["psi"], serial_result.history["psi"], rtol=1e-9)
+    for name, value in serial_result.dimensions["rod"].items():
+        assert dimensions[name] == pytest.approx(value, abs=1e-7 * np.ptp(BOUNDS[name]))
 
 
 @pytest.mark.slow

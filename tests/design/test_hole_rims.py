@@ -90,8 +90,8 @@ def block(folder: Path, tool: str) -> ffr.Domain:
 def test_the_rim_of_a_bore_in_space(tmp_path: Path) -> None:
     design = ffr.LevelSet(block(tmp_path, "bore"), minimum_member=0.1)
     level = design.level(design.even(0.0))
-    at = np.array([[0.2, 0.05 + r, z] for r in (0.11, 0.19) for z in (0.0, 0.1, 0.2)])
-    assert np.all(level(at) > 0.0)
+    points = np.array([[0.2, 0.05 + r, z] for r in (0.11, 0.19) for z in (0.0, 0.1, 0.2)])
+    assert np.all(level(points) > 0.0)
     assert level(np.array([[0.2, -0.2, 0.1]]))[0] < 0.0
 
 

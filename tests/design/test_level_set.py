@@ -320,8 +320,8 @@ def test_start_with_holes(comm: MPI.Intracomm) -> None:
     assert smaller < removed < full
     for rows in (1, 3, 4):
         field = levelset.level(levelset.with_holes(5, rows, 0.01))
-        at = np.column_stack([np.linspace(0.0, 0.4, 60), np.linspace(-0.04, 0.04, 60)])
-        np.testing.assert_allclose(field(at), field(at * [1.0, -1.0]), atol=1e-12)
+        points = np.column_stack([np.linspace(0.0, 0.4, 60), np.linspace(-0.04, 0.04, 60)])
+        np.testing.assert_allclose(field(points), field(points * [1.0, -1.0]), atol=1e-12)
     staggered = levelset.level(levelset.with_holes(4, 3, 0.01, margin=0.02))
     signs = np.sign(staggered([[0.05, -0.02], [0.1, 0.0], [0.05, 0.0], [0.1, 0.02]]))
     assert signs.tolist() == [-1.0, -1.0, 1.0, 1.0]
@@ -353,8 +353,8 @@ def test_distance_of_a_circle(comm: MPI.Intracomm) -> None:
     assert errors[-1] < 0.15 * spacings[-1]
     assert convergence_order(spacings, errors) > 1.8
     points = np.array([[0.19, 0.003], [0.24, 0.003], [0.0, 0.0]])
-    found = levelset.distance(u, points)
-    assert found == pytest.approx(exact(points), abs=0.15 * spacings[-1])
+    distances = levelset.distance(u, points)
+    assert distances == pytest.approx(exact(points), abs=0.15 * spacings[-1])
     assert levelset.distance(u, np.zeros((0, 2))).shape == (0,)
 
 
@@ -367,8 +367,8 @@ def test_distance_from_a_ball(comm: MPI.Intracomm) -> None:
 
     domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=(16, 8, 8), solid_layers=0)
     levelset, off = ffr.LevelSet(domain), exact(domain.centroids)
-    near, found = np.abs(off) < 0.1, levelset.distance(levelset.from_distance(exact))
-    assert_allclose(found[near], off[near], atol=0.25 * levelset.element)
+    near, distances = np.abs(off) < 0.1, levelset.distance(levelset.from_distance(exact))
+    assert_allclose(distances[near], off[near], atol=0.25 * levelset.element)
     assert np.all(np.isposinf(levelset.distance(levelset.even(1.0))))
 
 

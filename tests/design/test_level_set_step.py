@@ -42,9 +42,9 @@ def loads(domain: ffr.Domain) -> np.ndarray:
 @given(bound=st.floats(0.01, 0.99))
 def test_bisection_finds_the_multiplier(bound: float) -> None:
     """For the volume 1 / (1 + Lambda) it is 1 / bound - 1."""
-    found = volume_multiplier(lambda m: 1.0 / (1.0 + m), bound, 1e-12)
-    assert found == pytest.approx(1.0 / bound - 1.0, rel=1e-9)
-    assert 1.0 / (1.0 + found) <= bound
+    multiplier = volume_multiplier(lambda m: 1.0 / (1.0 + m), bound, 1e-12)
+    assert multiplier == pytest.approx(1.0 / bound - 1.0, rel=1e-9)
+    assert 1.0 / (1.0 + multiplier) <= bound
 
 
 @given(bound=st.floats(0.1, 1.0), volume=st.floats(0.0, 1.0))
@@ -55,9 +55,9 @@ def test_multiplier_is_zero_where_the_bound_holds(bound: float, volume: float) -
 
 
 def test_bisection_takes_the_feasible_side_of_a_jump() -> None:
-    found = volume_multiplier(lambda m: 0.8 if m < 3.7 else 0.2, 0.5)
-    assert found == pytest.approx(3.7)
-    assert found >= 3.7
+    multiplier = volume_multiplier(lambda m: 0.8 if m < 3.7 else 0.2, 0.5)
+    assert multiplier == pytest.approx(3.7)
+    assert multiplier >= 3.7
 
 
 @pytest.mark.mpi

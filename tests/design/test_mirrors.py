@@ -35,12 +35,12 @@ def angles(mirrors: list[ffr.Mirror]) -> list[float]:
 def test_lines_at_an_angle_of_pi_over_n_have_2n_images(
     degrees: tuple[float, ...], number: int
 ) -> None:
-    found = images([line(angle) for angle in degrees])
-    assert len(found) == number
-    np.testing.assert_array_equal(found[0].turn, np.eye(2))
+    axes = images([line(angle) for angle in degrees])
+    assert len(axes) == number
+    np.testing.assert_array_equal(axes[0].turn, np.eye(2))
     points = np.array([[0.1, 0.4], [0.7, 0.2], [-0.3, 0.5]])
     center = np.array([0.3, -0.1])
-    for image in found:
+    for image in axes:
         np.testing.assert_allclose(image.turn @ image.turn.T, np.eye(2), atol=1e-14)
         np.testing.assert_allclose(
             np.linalg.norm(image(points) - center, axis=1), np.linalg.norm(points - center, axis=1)
@@ -144,17 +144,17 @@ def test_a_mirrored_level_set_is_symmetric_exactly(
     width, cell = body
     domain = rod(comm, width, cell)
     find = ffr.mirror_planes if width else ffr.mirror_lines
-    found = find(domain)
-    assert len(found) == number
+    axes = find(domain)
+    assert len(axes) == number
     weight = domain.cell_volumes * (1.0 + domain.centroids[:, 1])
     assert len(find(domain, weight)) < number
-    levelset = ffr.LevelSet(domain, mirrors=found[:2])
+    levelset = ffr.LevelSet(domain, mirrors=axes[:2])
     u = np.random.default_rng(0).uniform(0.0, 1.0, levelset.size)
-    at, d = levelset.level(u), domain.dimension
+    levels, d = levelset.level(u), domain.dimension
     points = np.random.default_rng(1).uniform(-0.1, 0.1, (200, d)) + 0.4 * np.eye(d)[0]
-    for mirror in found[:2]:
-        assert_allclose(at(points), at(mirror.reflection(points)), atol=1e-13)
-    assert np.ptp(at(points)) > 0.1
+    for mirror in axes[:2]:
+        assert_allclose(levels(points), levels(mirror.reflection(points)), atol=1e-13)
+    assert np.ptp(levels(points)) > 0.1
     assert len(levelset.identity()["mirrors"]) == 2
 
 

@@ -48,10 +48,10 @@ def true_error(scene: Scene, trajectory: Trajectory, steps: int = 1200) -> float
     while ends.size < steps:
         ends = np.union1d(ends, 0.5 * (ends[1:] + ends[:-1]))
     exact = simulate(scene.mechanism, scene.bodies, RadauIIA(scene.integrator.end_time, steps=ends))
-    at = np.searchsorted(exact.t, trajectory.step_ends)
+    rows = np.searchsorted(exact.t, trajectory.step_ends)
     ours = np.searchsorted(trajectory.t, trajectory.step_ends)
-    error = way(trajectory, trajectory.y[ours] - exact.y[at])
-    return float(np.max(error) / np.max(way(exact, exact.y[at] - exact.y[0])))
+    error = way(trajectory, trajectory.y[ours] - exact.y[rows])
+    return float(np.max(error) / np.max(way(exact, exact.y[rows] - exact.y[0])))
 
 
 def by_radau(name: str, tolerance: float) -> tuple[str, Any, float]:

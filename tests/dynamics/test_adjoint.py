@@ -101,19 +101,19 @@ BY_RADAU = [pytest.param((name, True), marks=pytest.mark.slow) for name in SCENE
 def case(request: pytest.FixtureRequest) -> tuple[Case, Bodies]:
     """A case and its gradient."""
     name, radau = request.param
-    found = case_of(name, radau=radau)
-    return found, found.gradient
+    example = case_of(name, radau=radau)
+    return example, example.gradient
 
 
 def test_taylor_order_over_decades(case: tuple[Case, Bodies]) -> None:
-    made, gradient = case
-    direction = random_direction(made.scene.bodies, 3 if made.radau else 5)
-    slope, psi = dot(gradient, direction), made.along(direction)
-    if made.radau:
-        check_slope(psi, slope, made.step, points=4)
+    example, gradient = case
+    direction = random_direction(example.scene.bodies, 3 if example.radau else 5)
+    slope, psi = dot(gradient, direction), example.along(direction)
+    if example.radau:
+        check_slope(psi, slope, example.step, points=4)
     else:
         # psi of the four-bar changes by 1e-13 of itself where bodies change by less than round-off
-        check_slope(psi, slope, made.step, count=7, ratio=10.0**0.5, points=5, roundoff=1e-13)
+        check_slope(psi, slope, example.step, count=7, ratio=10.0**0.5, points=5, roundoff=1e-13)
 
 
 # Fields one by one where a loop closes, where every joint and force acts, and from both kinds of
@@ -134,12 +134,12 @@ ALONE = ("four-bar", "loader", "hanging loader", "deformed robot")
     indirect=["case"],
 )
 def test_central_differences(case: tuple[Case, Bodies], fields: str) -> None:
-    made, gradient = case
-    direction = random_direction(made.scene.bodies, 4, fields)
-    step = (0.05 if made.radau else 0.15) * made.step
-    psi = made.along(direction)
+    example, gradient = case
+    direction = random_direction(example.scene.bodies, 4, fields)
+    step = (0.05 if example.radau else 0.15) * example.step
+    psi = example.along(direction)
     # Where the slope nearly vanishes, the difference is that of two values rounded off.
-    noise = 1e-12 * psi(0.0) / step if made.radau or made.name not in SCENES else 0.0
+    noise = 1e-12 * psi(0.0) / step if example.radau or example.name not in SCENES else 0.0
     expected = pytest.approx(difference(psi, step), rel=1e-6, abs=noise)
     assert dot(gradient, direction) == expected
 
@@ -151,21 +151,21 @@ FEELS_ROTATION = [(name, False) for name in ("slider-crank", "robot", "loader", 
 @pytest.mark.parametrize("case", FEELS_ROTATION, indirect=True, ids=str)
 def test_rotation_shape_functions(case: tuple[Case, Bodies]) -> None:
     # The joints of the slider-crank do not feel the rotation of elastic markers, the others' do.
-    made, gradient = case
-    direction = random_direction(made.scene.bodies, 3, "P")
-    slope, psi = dot(gradient, direction), made.along(direction)
-    if made.name == "slider-crank":
+    example, gradient = case
+    direction = random_direction(example.scene.bodies, 3, "P")
+    slope, psi = dot(gradient, direction), example.along(direction)
+    if example.name == "slider-crank":
         assert slope == 0.0
         assert psi(0.1) == psi(0.0)
     else:
-        check_slope(psi, slope, made.step, points=4)
+        check_slope(psi, slope, example.step, points=4)
 
 
 @pytest.mark.parametrize("case", [("stiffened", False)], indirect=True, ids=str)
 def test_geometric_stiffness(case: tuple[Case, Bodies]) -> None:
-    made, gradient = case
-    direction = random_direction(made.scene.bodies, 3, "T")
-    slope, psi = dot(gradient, direction), made.along(direction)
+    example, gradient = case
+    direction = random_direction(example.scene.bodies, 3, "T")
+    slope, psi = dot(gradient, direction), example.along(direction)
     check_slope(psi, slope, 4e-2, points=4)
     assert slope == pytest.approx(difference(psi, 5e-3), rel=1e-7)
 
@@ -176,12 +176,12 @@ def test_geometric_stiffness(case: tuple[Case, Bodies]) -> None:
 )
 def test_every_part_of_the_trajectory(case: tuple[Case, Bodies]) -> None:
     """Random weighted sums of all coordinates, velocities, accelerations and multipliers."""
-    made, _ = case
-    trajectory, direction = made.run(), random_direction(made.scene.bodies, 3)
+    example, _ = case
+    trajectory, direction = example.run(), random_direction(example.scene.bodies, 3)
 
     @cache
     def run_at(step: float) -> Trajectory:
-        return made.run(moved(made.scene.bodies, direction, step))
+        return example.run(moved(example.scene.bodies, direction, step))
 
     for part in QUANTITIES:
         values = getattr(trajectory, part)
@@ -191,18 +191,18 @@ def test_every_part_of_the_trajectory(case: tuple[Case, Bodies]) -> None:
         getattr(bar, part)[:] = weights
         expected = difference(
             lambda step, part=part, weights=weights: np.sum(weights * getattr(run_at(step), part)),
-            max(0.02 * made.step, 2e-5) if made.radau else 0.5 * made.step,
+            max(0.02 * example.step, 2e-5) if example.radau else 0.5 * example.step,
         )
         slope = dot(adjoint(trajectory, bar).bodies, direction)
-        assert slope == pytest.approx(expected, rel=2e-5 if made.radau else 1e-6), part
+        assert slope == pytest.approx(expected, rel=2e-5 if example.radau else 1e-6), part
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5, 1.0])
 def test_spectral_radius(radius: float) -> None:
     scene = slider_crank(steps=80)
-    made = Case("slider-crank", scene, replace(scene.integrator, spectral_radius=radius))
+    example = Case("slider-crank", scene, replace(scene.integrator, spectral_radius=radius))
     direction = random_direction(scene.bodies, 3)
-    check_slope(made.along(direction), dot(made.gradient, direction), 4e-3, count=3)
+    check_slope(example.along(direction), dot(example.gradient, direction), 4e-3, count=3)
 
 
 @pytest.mark.slow
@@ -211,32 +211,32 @@ def test_spectral_radius(radius: float) -> None:
 )
 def test_first_steps_alone(name: str) -> None:
     """With two steps the initial accelerations and the method's start are nearly all there is."""
-    made = case_of(name)
-    made = replace(made, integrator=replace(made.integrator, steps=2, end_time=4e-3))
-    trajectory = made.run()
+    example = case_of(name)
+    example = replace(example, integrator=replace(example.integrator, steps=2, end_time=4e-3))
+    trajectory = example.run()
     bar, rng = TrajectoryBar.zeros(trajectory), np.random.default_rng(1)
     for part in QUANTITIES:
         values = getattr(trajectory, part)
         getattr(bar, part)[:] = rng.uniform(-1.0, 1.0, values.shape) / np.max(np.abs(values))
-    direction = random_direction(made.scene.bodies, 3)
+    direction = random_direction(example.scene.bodies, 3)
 
     def number(bodies: Bodies) -> float:
-        t = made.run(bodies)
+        t = example.run(bodies)
         return float(sum(np.sum(getattr(bar, part) * getattr(t, part)) for part in QUANTITIES))
 
     slope = dot(adjoint(trajectory, bar).bodies, direction)
-    expected = difference(along(number, made.scene.bodies, direction), 2e-3)
+    expected = difference(along(number, example.scene.bodies, direction), 2e-3)
     assert expected == pytest.approx(slope, rel=1e-7)
 
 
 @pytest.mark.parametrize("case", PLAIN, indirect=True, ids=str)
 def test_structure_of_the_derivatives(case: tuple[Case, Bodies]) -> None:
-    made, gradient = case
+    example, gradient = case
     for name, bar in gradient.items():
         np.testing.assert_array_equal(bar.G, bar.G.T)
         np.testing.assert_array_equal(bar.N, -bar.N.T)
         np.testing.assert_array_equal(bar.K, bar.K.T)
-        assert bar.markers.keys() == made.scene.bodies[name].markers.keys()
+        assert bar.markers.keys() == example.scene.bodies[name].markers.keys()
         for marker in bar.markers.values():  # tests of nodes have differences of the positions
             assert marker.position.shape == (2,) and np.all(np.isfinite(marker.position))
 
@@ -254,9 +254,9 @@ def test_derivatives_add_up() -> None:
     trajectory = ffr.simulate(scene.mechanism, scene.bodies, scene.integrator)
     bars = [random_bar(trajectory, seed) for seed in range(2)]
     direction = random_direction(scene.bodies, 1)
-    apart = sum(dot(adjoint(trajectory, bar).bodies, direction) for bar in bars)
+    by_parts = sum(dot(adjoint(trajectory, bar).bodies, direction) for bar in bars)
     assert dot(adjoint(trajectory, bars[0] + bars[1]).bodies, direction) == pytest.approx(
-        apart, rel=1e-9
+        by_parts, rel=1e-9
     )
 
 
@@ -268,10 +268,10 @@ def test_mechanism_at_rest_without_joints_that_move() -> None:
         gravity=(0.0, -9.81),
     )
     scene = replace(slider_crank(), mechanism=mechanism)
-    made = Case("weld", scene, replace(scene.integrator, steps=60))
+    example = Case("weld", scene, replace(scene.integrator, steps=60))
     direction = random_direction(scene.bodies, 3)
-    expected = difference(made.along(direction), 1e-4)
-    assert dot(made.gradient, direction) == pytest.approx(expected, rel=1e-6)
+    expected = difference(example.along(direction), 1e-4)
+    assert dot(example.gradient, direction) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(

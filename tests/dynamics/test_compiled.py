@@ -87,20 +87,24 @@ def test_a_change_of_any_source_renews_what_depends_on_it(tmp_path: Path) -> Non
     package = Path(compilation.__file__).parents[1]
     for part in ("dynamics", "mechanism"):
         shutil.copytree(package / part, tmp_path / part, ignore=shutil.ignore_patterns("__pyc*"))
-    here, folders = tmp_path / "dynamics", ("kinematics", "integration")
+    folder_of_package, folders = tmp_path / "dynamics", ("kinematics", "integration")
 
     def renewed(changed: Path) -> set[str]:
-        before = {folder: compilation.digest(here, folder) for folder in folders}
+        digests = {folder: compilation.digest(folder_of_package, folder) for folder in folders}
         changed.write_text(changed.read_text() + "# changed\n")
-        return {folder for folder in folders if compilation.digest(here, folder) != before[folder]}
+        return {
+            folder
+            for folder in folders
+            if compilation.digest(folder_of_package, folder) != digests[folder]
+        }
 
     for folder in folders:
-        for changed in here.glob(f"{folder}/*.py"):
+        for changed in folder_of_package.glob(f"{folder}/*.py"):
             assert renewed(changed) == {folder}
     shared = ("compilation.py", "equations.py", "../mechanism/rows.py")
     for name in shared:
-        assert renewed(here / name) == set(folders), name
-    assert renewed(here / "../mechanism/joints.py") == set()
+        assert renewed(folder_of_package / name) == set(folders), name
+    assert renewed(folder_of_package / "../mechanism/joints.py") == set()
 
 
 def _kernels(function: Compiled) -> dict[str, FunctionType]:
@@ -118,13 +122,13 @@ def _kernels(function: Compiled) -> dict[str, FunctionType]:
 
 def test_all_that_compiled_functions_hold_is_among_their_sources() -> None:
     """Kernels, numbers imported from elsewhere, and the enumerations that number kinds."""
-    here = Path(compilation.__file__).parent
+    folder_of_package = Path(compilation.__file__).parent
     for function in compiled_functions(INTEGRATORS, space=True):
         folder = function.function.__module__.split(".")[-2]
-        known = {str(file.resolve()) for file in compilation.sources(here, folder)}
+        files = {str(file.resolve()) for file in compilation.sources(folder_of_package, folder)}
         for name, kernel in _kernels(function).items():
             module = sys.modules[kernel.__module__]
-            assert str(module.__file__) in known, name
+            assert str(module.__file__) in files, name
             frozen = [thing for thing in vars(module).values() if isinstance(thing, EnumMeta)]
             for node in ast.walk(ast.parse(Path(str(module.__file__)).read_text())):
                 if not isinstance(node, ast.ImportFrom):
@@ -135,9 +139,9 @@ def test_all_that_compiled_functions_hold_is_among_their_sources() -> None:
                 for alias in node.names:
                     thing = getattr(origin, alias.name, None)
                     if isinstance(thing, int | float) and alias.name in kernel.__code__.co_names:
-                        assert str(origin.__file__) in known, f"{alias.name} of {origin.__name__}"
+                        assert str(origin.__file__) in files, f"{alias.name} of {origin.__name__}"
             for kind in frozen:
-                assert str(sys.modules[kind.__module__].__file__) in known, kind.__name__
+                assert str(sys.modules[kind.__module__].__file__) in files, kind.__name__
 
 
 def test_every_compiled_function_has_a_table_of_its_own_folder() -> None:

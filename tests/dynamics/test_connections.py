@@ -194,8 +194,8 @@ def run(frame: Frame, make: Make, bodies: Bodies | None = None, **more: Any) -> 
 
 def weighed(frame: Frame, make: Make, bodies: Bodies | None = None) -> Trajectory:
     """Under gravity, with a point mass and damping."""
-    more = {"point_masses": [ffr.PointMass(B, 0.2)], "damping": {"one": ffr.RayleighDamping(0.1)}}
-    return run(frame, make, bodies, gravity=frame.spatial(1.0, -3.0, 2.0), **more)
+    loads = {"point_masses": [ffr.PointMass(B, 0.2)], "damping": {"one": ffr.RayleighDamping(0.1)}}
+    return run(frame, make, bodies, gravity=frame.spatial(1.0, -3.0, 2.0), **loads)
 
 
 @every
@@ -206,8 +206,8 @@ def test_rows_hold_and_momentum_stays(name: str, dimension: int, rows: int, make
     assert model.rows == rows
     assert sum(motion.joint_force(label).shape[1] for label in model.joints) == rows
     state = motion.y[-1], motion.v[-1], motion.w[-1], motion.multipliers[-1]
-    last = evaluate_equations(model.arrays, motion.t.size - 1, *state, motion.turns)
-    np.testing.assert_allclose(last.residual[len(state[0]) :], 0.0, atol=1e-10)
+    equations = evaluate_equations(model.arrays, motion.t.size - 1, *state, motion.turns)
+    np.testing.assert_allclose(equations.residual[len(state[0]) :], 0.0, atol=1e-10)
     energy, *momenta = energy_and_momenta(motion)
     if model.joints and name not in DRIVEN:
         np.testing.assert_allclose(energy, energy[0], rtol=1e-4)
@@ -330,7 +330,7 @@ def test_taylor_order(
 
 
 def test_every_joint_and_force_is_here() -> None:
-    shown = {
+    tested = {
         type(thing)
         for _, where, _, make in CASES
         for part in make(Frame(max(where)))
@@ -338,4 +338,4 @@ def test_every_joint_and_force_is_here() -> None:
     }
     kinds = [kind for kind in vars(language).values() if isinstance(kind, type)]
     public = {kind for kind in kinds if issubclass(kind, Joint | AppliedForce)}
-    assert public - {Joint, AppliedForce} == shown
+    assert public - {Joint, AppliedForce} == tested

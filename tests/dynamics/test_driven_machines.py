@@ -76,8 +76,8 @@ def test_force_and_work_by_adaptive_steps() -> None:
     psi = ffr.MechanicalProblem(mechanism, adaptive, ffr.JointForce("slot")).value(bodies).psi
     assert psi == pytest.approx(PEAK * math.sqrt(square), rel=1e-6)
     # begun at full speed, the slide is driven from rest to full speed twice a turn
-    halves, rest = divmod(turns, math.pi)
-    driven = energy * (halves + (math.cos(rest) ** 2 if rest > 0.5 * math.pi else 0.0))
+    halves, remainder = divmod(turns, math.pi)
+    driven = energy * (halves + (math.cos(remainder) ** 2 if remainder > 0.5 * math.pi else 0.0))
     work = DriveWork("slot", rounding=1e-6)
     psi = ffr.MechanicalProblem(mechanism, adaptive, work).value(bodies).psi
     assert psi == pytest.approx(driven, rel=2e-3)

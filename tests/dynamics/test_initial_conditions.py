@@ -55,8 +55,8 @@ def test_given_deformation_is_kept_and_the_joints_close(make: Callable[[], Scene
     drifts = []
     for h in (1e-3, 5e-4):
         t = ffr.simulate(mechanism, scene.bodies, ffr.GeneralizedAlpha(h, 1))
-        near = t.y[0] + h * t.v[0] + 0.5 * h**2 * t.w[0], t.v[0] + h * t.w[0]
-        gaps = evaluate_equations(t.model.arrays, 1, *near, *zero)[0][model.size :]
+        second_order = t.y[0] + h * t.v[0] + 0.5 * h**2 * t.w[0], t.v[0] + h * t.w[0]
+        gaps = evaluate_equations(t.model.arrays, 1, *second_order, *zero)[0][model.size :]
         drifts.append(np.linalg.norm(gaps[model.rows :]))
     assert drifts[0] / drifts[1] > 3.5
 
@@ -92,9 +92,9 @@ def test_cantilever_under_load_bends_as_its_stiffness_says() -> None:
     force = t.joint_force("clamp")
     np.testing.assert_allclose(force[:, 0], -2.0, rtol=1e-9)
     np.testing.assert_allclose(force[:, 1], 5.0 + 9.81 * body.mass, rtol=1e-9)
-    at = np.array([0.4, 0.0]) + tip.displacement @ y[3:]
+    place = np.array([0.4, 0.0]) + tip.displacement @ y[3:]
     weight = 9.81 * (0.2 * body.mass + body.S[1:, 0] @ y[3:])
-    moment = -(at[0] * -5.0 - at[1] * 2.0) - 0.3 + weight
+    moment = -(place[0] * -5.0 - place[1] * 2.0) - 0.3 + weight
     np.testing.assert_allclose(force[:, 2], moment, rtol=1e-9)
 
 

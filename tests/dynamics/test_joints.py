@@ -137,8 +137,8 @@ def test_teeth_of_the_other_flank_are_told() -> None:
         ],
         forces=[torque("wheel", -20.0, False)],
     )
-    told = r"'teeth'.* pull .* up to 105 N, and push by 0 N at most: give pressure_angle=0.3,"
-    with pytest.warns(ffr.dynamics.GearFlankWarning, match=told):
+    message = r"'teeth'.* pull .* up to 105 N, and push by 0 N at most: give pressure_angle=0.3,"
+    with pytest.warns(ffr.dynamics.GearFlankWarning, match=message):
         ffr.simulate(mechanism, bodies, ffr.GeneralizedAlpha(0.1, 5))
 
 
@@ -253,11 +253,11 @@ def test_linear_drive_moves_a_carriage_along_a_turning_arm() -> None:
     )
     bodies = {"arm": arm, "carriage": disc(0.2, 1e-3)}
     t = ffr.simulate(mechanism, bodies, ffr.GeneralizedAlpha(0.5, 400))
-    way, angle = 0.05 + 0.1 * t.t + 0.2 * t.t**2, 3.0 * t.t + turned
-    exact = way[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    seen = t.marker_path(*carriage) - t.marker_path(*hub)
-    np.testing.assert_allclose(seen, exact, atol=1e-12)
+    distance, angle = 0.05 + 0.1 * t.t + 0.2 * t.t**2, 3.0 * t.t + turned
+    exact = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    offset = t.marker_path(*carriage) - t.marker_path(*hub)
+    np.testing.assert_allclose(offset, exact, atol=1e-12)
     # m (r'' - omega^2 r) along the line, 2 m omega r' across it
-    push, side = 0.2 * (0.4 - 9.0 * way), 0.2 * 2.0 * 3.0 * (0.1 + 0.4 * t.t)
+    push, side = 0.2 * (0.4 - 9.0 * distance), 0.2 * 2.0 * 3.0 * (0.1 + 0.4 * t.t)
     np.testing.assert_allclose(t.joint_force("spindle")[:, 0], push, atol=1e-4)
     np.testing.assert_allclose(t.joint_force("rails")[:, 0], side, atol=1e-4)

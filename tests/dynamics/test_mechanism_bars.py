@@ -273,17 +273,17 @@ def test_slopes_are_those_of_differences(scene: Scene) -> None:
     mechanism = ffr.Parameters(**scene.bounds).mechanism(scene.build)
     run = ffr.simulate(mechanism, scene.bodies, scene.integrator)
     bar, rng = TrajectoryBar.zeros(run), np.random.default_rng(0)
-    parts = ("y", "v", "w", "multipliers")
-    for part in parts:
-        values, own = getattr(run, part), getattr(bar, part)
-        own[:] = rng.uniform(-1.0, 1.0, own.shape) / np.max(np.abs(values))
+    quantities = ("y", "v", "w", "multipliers")
+    for part in quantities:
+        values, bar_values = getattr(run, part), getattr(bar, part)
+        bar_values[:] = rng.uniform(-1.0, 1.0, bar_values.shape) / np.max(np.abs(values))
     slopes = parameter_slopes(run, [adjoint(run, bar).mechanism])[0]
 
     def number(shift: np.ndarray) -> float:
         t = ffr.simulate(mechanism.shifted(shift), scene.bodies, scene.integrator)
         moved = run.model.arrays.difference(t.y, run.y)  # in space by turns, as the bar
-        rest = sum(np.sum(getattr(bar, p) * getattr(t, p)) for p in parts[1:])
-        return float(np.sum(bar.y * moved) + rest)
+        others_product = sum(np.sum(getattr(bar, p) * getattr(t, p)) for p in quantities[1:])
+        return float(np.sum(bar.y * moved) + others_product)
 
     for k, (name, below, above) in enumerate(mechanism.parameters.ranges):
         errors = []
@@ -385,10 +385,10 @@ def test_signals_may_be_of_another_kind_at_other_values() -> None:
         return pendulum(joints=[angle], forces=[ffr.Force(END, push, q)])
 
     settings = {"p": (AT, 0.01, 0.08), "q": (1.0, 0.0, 2.0)}
-    found, plain = (
+    slopes, plain = (
         weighed(lambda p, q, s=s: pushed(p, q, plain=s), **settings) for s in (False, True)
     )
-    np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(slopes, plain, rtol=1e-9, atol=1e-12)
 
 
 def test_slope_at_a_bound_is_one_sided() -> None:
@@ -516,8 +516,8 @@ def test_functions_without_a_derivative_are_refused() -> None:
         with pytest.raises(ValueError, match="parameter 'p': no derivative: its slopes from below"):
             coordinate(gravity(number), place, steps, p=(0.5, 0.0, 1.0))
     for value, slope in ((0.5001, 2.0), (0.4999, -1.0)):
-        found = coordinate(gravity(branches[1]), place, steps, p=(value, 0.0, 1.0))[2]
-        assert found[0] == pytest.approx(0.5 * 0.5**2 * slope, rel=1e-6)
+        slopes = coordinate(gravity(branches[1]), place, steps, p=(value, 0.0, 1.0))[2]
+        assert slopes[0] == pytest.approx(0.5 * 0.5**2 * slope, rel=1e-6)
     # a slope that vanishes, and one that bends strongly, are no kinks
     for number in (lambda p: (p - 0.5) ** 2, lambda p: np.exp(200.0 * (p - 0.5))):
         coordinate(gravity(number), place, steps, p=(0.5, 0.0, 1.0))

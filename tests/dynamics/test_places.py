@@ -55,9 +55,9 @@ def test_a_machine_at_another_place(name: str, distance: float) -> None:
             ffr.simulate(mechanism, bodies, method) for mechanism in (scene.mechanism, elsewhere)
         )
         for body in bodies:
-            way = there.rigid(body) - here.rigid(body)
-            way[:, :dimension] -= shift
-            assert np.max(np.abs(way)) < 1e-11 * (1.0 + distance)
+            displacement = there.rigid(body) - here.rigid(body)
+            displacement[:, :dimension] -= shift
+            assert np.max(np.abs(displacement)) < 1e-11 * (1.0 + distance)
 
 
 @pytest.mark.parametrize("place", [0.0, 1e-3, 1.0, 1e3])
@@ -73,8 +73,8 @@ def test_a_boom_on_a_strut(place: float) -> None:
             ffr.Revolute(("boom", "pin"), ffr.Ground((place, place))),
             ffr.Distance(("boom", "eye"), ffr.Ground((place + x, place + y)), name="strut"),
         ]
-        at = {"boom": ffr.Placement((place, place))}
-        mechanism = ffr.Mechanism(at, joints, gravity=(0.0, -9.81))
+        placements = {"boom": ffr.Placement((place, place))}
+        mechanism = ffr.Mechanism(placements, joints, gravity=(0.0, -9.81))
         for method in (ffr.RadauIIA(end_time, steps=22), ffr.GeneralizedAlpha(end_time, 100)):
             motion = ffr.simulate(mechanism, {"boom": boom}, method)
             force = np.abs(motion.joint_force("strut"))

@@ -164,9 +164,9 @@ def test_steps_end_at_jumps() -> None:
 def test_values_at_jumps_are_those_before() -> None:
     scene = jerky()
     trajectory = run(scene, steps=100)
-    at = int(np.flatnonzero(trajectory.t == 0.0503)[0])
+    row = int(np.flatnonzero(trajectory.t == 0.0503)[0])
     force = trajectory.applied_force(scene.mechanism.force_names[0])[:, 1]
-    assert force[at] == 0.0 and force[at + 1] == 2.0
+    assert force[row] == 0.0 and force[row + 1] == 2.0
 
 
 def psi_along(problem: ffr.MechanicalProblem, bodies: Bodies) -> tuple[Function, float]:

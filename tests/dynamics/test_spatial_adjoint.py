@@ -43,20 +43,20 @@ def only(direction: Bodies, part: str) -> Bodies:
     """A change of one part of the integrals of all bodies."""
     out = {}
     for name, change in direction.items():
-        kept = {part: getattr(change, part)}
+        changes = {part: getattr(change, part)}
         if part == "P":
             # of which G and N follow
-            kept |= {"G": np.zeros((0, 0)), "N": np.zeros((0, 0))}
-        out[name] = replace(change.zeros_like(), **kept)
+            changes |= {"G": np.zeros((0, 0)), "N": np.zeros((0, 0))}
+        out[name] = replace(change.zeros_like(), **changes)
     return out
 
 
 @pytest.fixture(scope="module", params=list(CASES))
 def case(request: pytest.FixtureRequest) -> tuple[Case, Bodies]:
-    found = CASES[request.param]()
-    gradient = found.problem.gradient(found.bodies).integrals_gradient
+    example = CASES[request.param]()
+    gradient = example.problem.gradient(example.bodies).integrals_gradient
     assert gradient is not None
-    return found, gradient
+    return example, gradient
 
 
 def along(case: Case, direction: Bodies) -> Callable[[float], float]:
@@ -65,9 +65,9 @@ def along(case: Case, direction: Bodies) -> Callable[[float], float]:
 
 
 def test_taylor_order(case: tuple[Case, Bodies]) -> None:
-    made, gradient = case
-    direction = towards_others(made.bodies, 5, made.make)
-    value, slope = along(made, direction), derivatives.dot(gradient, direction)
+    example, gradient = case
+    direction = towards_others(example.bodies, 5, example.make)
+    value, slope = along(example, direction), derivatives.dot(gradient, direction)
     derivatives.check_slope(value, slope, 2e-4, ratio=10.0**0.5, points=4)
 
 
@@ -76,13 +76,13 @@ def test_taylor_order(case: tuple[Case, Bodies]) -> None:
 @pytest.mark.parametrize("case", ["loop", "stiffened", "settled", "spun"], indirect=True)
 @pytest.mark.parametrize("part", ["mass", "S", "P", "K", "markers", "stiffening"])
 def test_derivatives_with_respect_to_each_part(case: tuple[Case, Bodies], part: str) -> None:
-    made, gradient = case
-    direction, step = towards_others(made.bodies, 6, made.make), 5e-5
-    whole = sum(abs(gradient[name].dot(direction[name])) for name in gradient)
+    example, gradient = case
+    direction, step = towards_others(example.bodies, 6, example.make), 5e-5
+    size = sum(abs(gradient[name].dot(direction[name])) for name in gradient)
     change = only(direction, part)
-    expected = derivatives.difference(along(made, change), step)
+    expected = derivatives.difference(along(example, change), step)
     # Differences of psi cannot tell what is smaller than its round-off over the step.
-    assert derivatives.dot(gradient, change) == pytest.approx(expected, rel=1e-6, abs=1e-8 * whole)
+    assert derivatives.dot(gradient, change) == pytest.approx(expected, rel=1e-6, abs=1e-8 * size)
 
 
 def test_order_of_a_flexible_loop() -> None:
@@ -101,7 +101,7 @@ def test_order_of_a_flexible_loop() -> None:
         sizes = [(np.max(np.abs(a - exact)), np.max(np.abs(b - exact))) for a, b, exact in pairs]
         return [math.log2(a / b) for a, b in sizes]
 
-    found = orders(ffr.GeneralizedAlpha(0.3, 100), ffr.GeneralizedAlpha(0.3, 200))
-    np.testing.assert_allclose(found, 2.0, atol=0.05)
-    found = orders(ffr.RadauIIA(0.3, steps=20), ffr.RadauIIA(0.3, steps=40))
-    np.testing.assert_allclose(found, [5.0, 5.0, 3.0], atol=0.3)
+    observed = orders(ffr.GeneralizedAlpha(0.3, 100), ffr.GeneralizedAlpha(0.3, 200))
+    np.testing.assert_allclose(observed, 2.0, atol=0.05)
+    observed = orders(ffr.RadauIIA(0.3, steps=20), ffr.RadauIIA(0.3, steps=40))
+    np.testing.assert_allclose(observed, [5.0, 5.0, 3.0], atol=0.3)

@@ -77,19 +77,19 @@ def test_frames_agree_to_the_square_of_the_deflection(mass: float, young: float)
     paths, linear = [], []
     for body in (bar(True, young, 8), bar(False, young, 8)):
         markers = {name: replace(m, stiffening=None) for name, m in body.markers.items()}
-        for part, found in (
+        for part, momenta in (
             (body, paths),
             (replace(body, markers=markers, stiffening={}), linear),
         ):
             t = ffr.simulate(pendulum(mass), {"bar": part}, ffr.RadauIIA(0.25, steps=500))
-            found.append(t.marker_path("bar", "right") / LENGTH)
+            momenta.append(t.marker_path("bar", "right") / LENGTH)
             if len(paths) == 1 and part is body:
                 shift = body.markers["right"].shift(t.elastic("bar"))
     deflection = float(np.max(np.abs(shift))) / LENGTH
-    apart = float(np.max(np.abs(paths[1] - paths[0])))
+    difference = float(np.max(np.abs(paths[1] - paths[0])))
     assert deflection > 0.01
-    assert apart < 0.3 * deflection**2
-    assert apart < 0.1 * np.max(np.abs(linear[1] - linear[0]))
+    assert difference < 0.3 * deflection**2
+    assert difference < 0.1 * np.max(np.abs(linear[1] - linear[0]))
 
 
 @pytest.mark.parametrize("tangent", [True, False], ids=["tangent", "chord"])
@@ -97,31 +97,31 @@ def test_a_point_mass_is_a_body_pinned_to_its_marker(tangent: bool) -> None:
     """Also where the bar bends far, by a mass like its own."""
     body = bar(tangent, 1e8)
     mass, integrator = body.mass, ffr.RadauIIA(0.25, steps=600)
-    first = pendulum(mass)
+    mechanism = pendulum(mass)
     tip = ffr.VolumeIntegrals.rigid(mass, inertia=1e-7 * mass, markers={"pin": (0.0, 0.0)})
     second = replace(
-        first,
-        placements={**first.placements, "tip": ffr.Placement((LENGTH, 0.0))},
-        joints=[*first.joints, ffr.Revolute(("tip", "pin"), ("bar", "right"))],
+        mechanism,
+        placements={**mechanism.placements, "tip": ffr.Placement((LENGTH, 0.0))},
+        joints=[*mechanism.joints, ffr.Revolute(("tip", "pin"), ("bar", "right"))],
         point_masses=[],
     )
-    one = ffr.simulate(first, {"bar": body}, integrator)
-    two = ffr.simulate(second, {"bar": body, "tip": tip}, integrator)
-    shift = body.markers["right"].rotation @ one.elastic("bar").T
+    with_mass = ffr.simulate(mechanism, {"bar": body}, integrator)
+    with_body = ffr.simulate(second, {"bar": body, "tip": tip}, integrator)
+    shift = body.markers["right"].rotation @ with_mass.elastic("bar").T
     assert np.max(np.abs(shift)) > 0.01
-    paths = (t.marker_path("bar", "right") for t in (one, two))
+    paths = (t.marker_path("bar", "right") for t in (with_mass, with_body))
     np.testing.assert_allclose(*paths, atol=2e-6 * LENGTH)
 
 
 def random_model(space: bool) -> FlatModel:
     """A body with geometric stiffness, and point masses at markers that have it too."""
     if space:
-        body, where = stiffened_cloud(3), ffr.Placement((0.0, 0.0, 0.0))
+        body, placement = stiffened_cloud(3), ffr.Placement((0.0, 0.0, 0.0))
         points = [ffr.PointMass(("bar", "tip"), 0.5), ffr.PointMass(("bar", "root"), 2.0)]
     else:
-        body, where = bar(True, 1e7), ffr.Placement()
+        body, placement = bar(True, 1e7), ffr.Placement()
         points = [ffr.PointMass(("bar", "right"), 0.2)]
-    mechanism = ffr.Mechanism({"bar": where}, point_masses=points)
+    mechanism = ffr.Mechanism({"bar": placement}, point_masses=points)
     return assemble_model(mechanism, {"bar": body}, np.linspace(0.0, 1.0, 3))
 
 
@@ -130,18 +130,18 @@ def random_model(space: bool) -> FlatModel:
 def test_mass_matrix(space: bool, seed: int) -> None:
     """Symmetric and positive for deformations of any size, and that of the kinetic energy."""
     model, rng = random_model(space), np.random.default_rng(seed)
-    where = model.coordinates("bar")
+    coordinates = model.coordinates("bar")
     for size in (0.01, 0.1, 1.0):
         y, v = rng.standard_normal((2, model.size))
-        y[where.elastic] *= size * LENGTH
+        y[coordinates.elastic] *= size * LENGTH
         none = np.zeros(model.size)
         mass = evaluate_equations(model.arrays, 0, y, none, none, np.zeros(0)).mass
         scale = 1.0 / np.sqrt(np.diag(mass))
         scaled = mass * np.outer(scale, scale)
         np.testing.assert_allclose(scaled, scaled.T, atol=1e-13)
         assert np.linalg.eigvalsh(scaled)[0] > 0.0
-        found = momenta_of(model.arrays, 0, y[None], v[None])
-        assert found.kinetic[0] == pytest.approx(0.5 * v @ mass @ v, rel=1e-12)
+        momenta = momenta_of(model.arrays, 0, y[None], v[None])
+        assert momenta.kinetic[0] == pytest.approx(0.5 * v @ mass @ v, rel=1e-12)
 
 
 @pytest.mark.parametrize("stiff", [True, False])
@@ -159,16 +159,16 @@ def test_energy_momentum_and_equations_are_those_of_points(d: int, stiff: bool) 
     second = stiff * (moves + np.einsum("klij,pl->pkij", stretch, X))
 
     # int rho u2_k and int rho X_l u2_k, half of whose second derivatives are geometric stiffness
-    alone = np.einsum("p,pkij->kij", mass, second)
+    second_moment = np.einsum("p,pkij->kij", mass, second)
     pairs = np.einsum("p,pl,pkij->klij", mass, X, second)
     W = np.concatenate([X[None], phi])
     P = np.einsum("p,apk,bpl->abkl", mass, W, W)
-    loads = {"rotation": pairs, "acceleration": alone}
+    loads = {"rotation": pairs, "acceleration": second_moment}
     if d == 2:
         loads = {
             "omega2": -pairs[0, 0] - pairs[1, 1],
             "alpha": pairs[1, 0] - pairs[0, 1],
-            "acceleration": alone,
+            "acceleration": second_moment,
         }
     S = np.einsum("p,apk->ak", mass, W)
     body = ffr.VolumeIntegrals.from_arrays(
@@ -194,23 +194,23 @@ def test_energy_momentum_and_equations_are_those_of_points(d: int, stiff: bool) 
         return np.asarray(position + shift + local @ A.T)
 
     h, none, here = 1e-2, np.zeros(model.size), points(0.0, v, w)
-    first, twice = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}, {1: 1.5, 2: -0.15, 3: 1.0 / 90.0}
+    once, twice = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}, {1: 1.5, 2: -0.15, 3: 1.0 / 90.0}
 
     def rate_of(rate: Array) -> Array:
         ahead = (
-            f * (points(k * h, rate, none) - points(-k * h, rate, none)) for k, f in first.items()
+            f * (points(k * h, rate, none) - points(-k * h, rate, none)) for k, f in once.items()
         )
         return sum(ahead) / h
 
     speed = rate_of(v)
-    found = momenta_of(model.arrays, 0, y[None], v[None])
-    assert found.kinetic[0] == pytest.approx(0.5 * mass @ np.sum(speed**2, axis=1), rel=1e-9)
-    np.testing.assert_allclose(found.linear[0], mass @ speed, rtol=1e-9)
-    np.testing.assert_allclose(found.first_moment[0], mass @ here, rtol=1e-12)
+    momenta = momenta_of(model.arrays, 0, y[None], v[None])
+    assert momenta.kinetic[0] == pytest.approx(0.5 * mass @ np.sum(speed**2, axis=1), rel=1e-9)
+    np.testing.assert_allclose(momenta.linear[0], mass @ speed, rtol=1e-9)
+    np.testing.assert_allclose(momenta.first_moment[0], mass @ here, rtol=1e-12)
     outer = np.einsum("p,pi,pj->ij", mass, here, speed)
     pairs = ((0, 1),) if d == 2 else ((1, 2), (2, 0), (0, 1))
     spin = np.squeeze([outer[i, j] - outer[j, i] for i, j in pairs])
-    np.testing.assert_allclose(found.angular[0], spin, rtol=1e-9)
+    np.testing.assert_allclose(momenta.angular[0], spin, rtol=1e-9)
 
     # d'Alembert: inertia does the work of the points on each virtual displacement
     growth = sum(
@@ -227,17 +227,17 @@ def thrown(space: bool, integrator: ffr.GeneralizedAlpha | ffr.RadauIIA) -> Traj
     if space:
         small = stiffened_cloud(3)
         body = replace(small, K=cloud(3, stiffness=40.0).K)
-        where = ffr.Placement(
+        placement = ffr.Placement(
             (0.3, -0.2, 0.1), velocity=(0.4, 0.3, -0.2), angular_velocity=(3.0, 1.0, -2.0)
         )
         shape, points = [0.05, -0.03, 0.04], [("tip", 0.5), ("root", 1.0)]
     else:
         body = bar(False, 2e7, 2)
-        where = ffr.Placement((0.3, -0.2), 0.4, (0.4, 0.3), 9.0)
+        placement = ffr.Placement((0.3, -0.2), 0.4, (0.4, 0.3), 9.0)
         shape = [0.01, -0.002, *np.zeros(body.modes - 2)]
         points = [("right", 0.02), ("left", 0.01)]
     mechanism = ffr.Mechanism(
-        {"bar": where},
+        {"bar": placement},
         start=ffr.Assembled(elastic={"bar": shape}),
         point_masses=[ffr.PointMass(("bar", marker), mass) for marker, mass in points],
     )
@@ -256,9 +256,12 @@ def test_a_free_body_keeps_energy_and_momentum(space: bool, radau: bool) -> None
             else ffr.GeneralizedAlpha(end, int(count), 1.0)
         )
         t = thrown(space, method)
-        kept = np.column_stack(energy_and_momenta(t))[:: method.stages]
-        scale = [1.0 / kept[0, 0], *[1.0 / np.linalg.norm(kept[0, 1:])] * (kept.shape[1] - 1)]
-        errors.append(np.max(np.abs(kept - kept[0]), axis=0) * scale)
+        conserved = np.column_stack(energy_and_momenta(t))[:: method.stages]
+        scale = [
+            1.0 / conserved[0, 0],
+            *[1.0 / np.linalg.norm(conserved[0, 1:])] * (conserved.shape[1] - 1),
+        ]
+        errors.append(np.max(np.abs(conserved - conserved[0]), axis=0) * scale)
     assert np.max(errors[-1]) < (1e-9 if radau else 1e-5)
     for part in np.transpose(errors):
         if part[-1] > 1e-13:

@@ -76,11 +76,11 @@ def test_frequency_of_a_strut(share: float) -> None:
     size, end, form = (1e-6, 2.0 * math.pi, np.cos) if share > -1.0 else (1e-8, 2.0, np.cosh)
     mechanism = strut(share * EULER, size)
     t = ffr.simulate(mechanism, {"beam": sine_beam()}, ffr.RadauIIA(end / omega, steps=60))
-    found, exact = t.elastic("beam")[:, 0], size * form(omega * t.t)
+    computed, exact = t.elastic("beam")[:, 0], size * form(omega * t.t)
     if share > -1.0:
-        np.testing.assert_allclose(found, exact, atol=1e-11)
+        np.testing.assert_allclose(computed, exact, atol=1e-11)
     else:
-        np.testing.assert_allclose(found, exact, rtol=1e-7)
+        np.testing.assert_allclose(computed, exact, rtol=1e-7)
 
 
 def test_the_ends_of_a_bent_beam_come_nearer() -> None:

@@ -189,8 +189,8 @@ def test_problem_chooses_once(comm: MPI.Intracomm) -> None:
     evaluation = problem.gradient(np.full(body.domain.n_cells, 0.8))
     assert evaluation.trajectory.integrator == chosen
     # what does not depend on the motion needs no steps
-    still = ffr.Problem({"rod": body}, crank_motion(0.4), interval, ffr.Mass("rod"))
-    assert still.integrator is interval
+    at_rest = ffr.Problem({"rod": body}, crank_motion(0.4), interval, ffr.Mass("rod"))
+    assert at_rest.integrator is interval
 
 
 def test_motion_between_its_instants() -> None:
@@ -201,8 +201,8 @@ def test_motion_between_its_instants() -> None:
     )
     np.testing.assert_allclose(few.at(few.t).y, few.y, rtol=1e-14)
     between = few.at(many.t)
-    way = np.max(np.abs(many.rigid("rod") - many.rigid("rod")[0]), axis=0)
-    assert np.all(np.abs(between.rigid("rod") - many.rigid("rod")) <= 1e-4 * way)
+    travel = np.max(np.abs(many.rigid("rod") - many.rigid("rod")[0]), axis=0)
+    assert np.all(np.abs(between.rigid("rod") - many.rigid("rod")) <= 1e-4 * travel)
     energy = many.kinetic_energy("rod")
     np.testing.assert_allclose(between.kinetic_energy("rod"), energy, atol=1e-3 * np.max(energy))
 

@@ -60,12 +60,12 @@ CHANGED = {
 
 def code(text: str) -> str:
     """A program without strings, comments and most of its spaces."""
-    kept = [
+    lines = [
         token.string
         for token in tokenize.generate_tokens(io.StringIO(text).readline)
         if token.type not in (tokenize.STRING, tokenize.COMMENT, tokenize.INDENT, tokenize.DEDENT)
     ]
-    return re.sub(r" ?([.()=,]) ?", r"\1", " ".join(kept))
+    return re.sub(r" ?([.()=,]) ?", r"\1", " ".join(lines))
 
 
 @functools.cache

@@ -54,8 +54,8 @@ def test_geometry_of_a_rod(comm: MPI.Intracomm, cell: str, order: int, ends: dic
     assert domain.sum(domain.cell_volumes * mean) == pytest.approx(exact, rel=1e-12)
     solid = domain.sum(domain.cell_volumes * ~domain.design_cells)
     assert solid == pytest.approx(2.0 * ends.get("solid_length", 0.08) * 0.04, rel=1e-13)
-    given = Domain(domain.mesh, LEFT, centers={"left": (-1.0, 0.5)}, order=order)
-    np.testing.assert_array_equal(given.interfaces["left"].center, [-1.0, 0.5])
+    domain_with_centers = Domain(domain.mesh, LEFT, centers={"left": (-1.0, 0.5)}, order=order)
+    np.testing.assert_array_equal(domain_with_centers.interfaces["left"].center, [-1.0, 0.5])
 
 
 LEFT = {"left": lambda x: x[0] < 1e-9}

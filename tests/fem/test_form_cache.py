@@ -94,15 +94,15 @@ def test_living_session_keeps_its_directory(
 ) -> None:
     """Another one has a directory beside it, with links to the forms that are finished."""
     monkeypatch.setattr(form_cache, "_lock", None)
-    first = form_cache._claim_first_free(tmp_path)
+    own_directory = form_cache._claim_first_free(tmp_path)
     lock = form_cache._lock
     for name in ("finished.c", "finished.c.cached", "finished.x.so", "unfinished.c"):
-        (first / name).touch()
-    other = form_cache._claim_first_free(tmp_path)
-    assert other == first.with_name("forms-1")
-    assert (first / "unfinished.c").exists(), "a living session's form was removed"
-    assert (first / "finished.x.so").samefile(other / "finished.x.so")
-    assert not (other / "unfinished.c").exists(), "an unfinished form was taken over"
+        (own_directory / name).touch()
+    other_directory = form_cache._claim_first_free(tmp_path)
+    assert other_directory == own_directory.with_name("forms-1")
+    assert (own_directory / "unfinished.c").exists(), "a living session's form was removed"
+    assert (own_directory / "finished.x.so").samefile(other_directory / "finished.x.so")
+    assert not (other_directory / "unfinished.c").exists(), "an unfinished form was taken over"
     for descriptor in (lock, form_cache._lock):
         assert descriptor is not None
         os.close(descriptor)

@@ -36,8 +36,8 @@ def factors(comm: MPI.Intracomm, law: object, x: float) -> tuple[float, float]:
 def test_laws_at_known_densities(comm: MPI.Intracomm) -> None:
     """The laws take their closed-form values."""
     floor = 1e-4
-    found = factors(comm, ffr.SIMP(3.0, floor, ffr.LinearMass()), 0.5)
-    assert found == pytest.approx((floor + (1 - floor) / 8, 0.5), rel=1e-13)
+    densities = factors(comm, ffr.SIMP(3.0, floor, ffr.LinearMass()), 0.5)
+    assert densities == pytest.approx((floor + (1 - floor) / 8, 0.5), rel=1e-13)
     stiffness, _ = factors(comm, ffr.RAMP(8.0, floor), 0.5)
     assert stiffness == pytest.approx(floor + (1 - floor) * 0.5 / 5, rel=1e-13)
     _, mass = factors(comm, ffr.SIMP(), 0.05)
@@ -72,11 +72,11 @@ def test_new_numbers_compile_nothing(comm: MPI.Intracomm, monkeypatch: pytest.Mo
     compile_form = dolfinx.jit.ffcx_jit
     monkeypatch.setattr(dolfinx.jit, "ffcx_jit", record)
     Elasticity(domain, ffr.PlaneStress(1.0, 0.3, 1.0), ffr.SIMP())
-    first = sorted(names)
+    sorted_names = sorted(names)
     names.clear()
     Elasticity(domain, ffr.PlaneStrain(7.0, 0.2, 3.0, 0.1), ffr.SIMP(4.0, 1e-3))
-    assert first
-    assert sorted(names) == first
+    assert sorted_names
+    assert sorted(names) == sorted_names
 
 
 #: The example of CONTRIBUTING: two moduli in plane stress, fibres at an angle

@@ -223,10 +223,10 @@ def write_ring(path: Path, d: int, order: int, incomplete: int, recombined: int)
             mesh.setRecombine(2, surface)
         held, body = [[curves[0]], [curves[2]]], [surface]
         if d == 3:
-            made = occ.extrude([(2, surface)], 0, 0, 0.5, [2], recombine=bool(recombined))
+            extruded = occ.extrude([(2, surface)], 0, 0, 0.5, [2], recombine=bool(recombined))
             occ.synchronize()
             # the top, the volume, and the sides in the order of the curves
-            body, held = [made[1][1]], [[made[2][1]], [made[4][1]]]
+            body, held = [extruded[1][1]], [[extruded[2][1]], [extruded[4][1]]]
         groups = (d, body, "part"), (d - 1, held[0], "left"), (d - 1, held[1], "right")
         for dim, tags, name in groups:
             gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)

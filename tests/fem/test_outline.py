@@ -93,19 +93,19 @@ def test_a_rim_of_solid_cells(comm: MPI.Intracomm, shared_tmp_path: Path) -> Non
     if comm.rank == 0:
         drawn(path, draw)
     comm.Barrier()
-    made = partial(Domain.from_outline, comm, path, size=0.002, order=2)
-    body = made(interfaces={f"pin{x}": f"pin{x}" for x in (97, 40, 53)}, solid_rim=0.002)
+    make = partial(Domain.from_outline, comm, path, size=0.002, order=2)
+    body = make(interfaces={f"pin{x}": f"pin{x}" for x in (97, 40, 53)}, solid_rim=0.002)
     solid, x = body.solid_cells, body.centroids[:, 0]
     ring = body.sum(body.cell_volumes * (solid & (x > 0.07)))
     assert ring == pytest.approx(np.pi * (0.006**2 - 0.004**2), rel=1e-3)
     lens = 2 * 0.007**2 * np.arccos(6.5 / 7) - 0.0065 * np.sqrt(4 * 0.007**2 - 0.013**2)
-    two = body.sum(body.cell_volumes * (solid & (x < 0.07)))
-    assert two == pytest.approx(2 * np.pi * (0.007**2 - 0.005**2) - lens, rel=1e-3)
+    two_ends = body.sum(body.cell_volumes * (solid & (x < 0.07)))
+    assert two_ends == pytest.approx(2 * np.pi * (0.007**2 - 0.005**2) - lens, rel=1e-3)
     assert not body.designed_interfaces
-    wall = made(interfaces={"wall": left}, solid_rim=0.004)
+    wall = make(interfaces={"wall": left}, solid_rim=0.004)
     assert wall.sum(wall.cell_volumes * wall.solid_cells) == pytest.approx(0.004 * 0.02, rel=1e-9)
     with pytest.raises(ValueError, match=r"solid_rim must be at least 0\.001.*but it is 0\.0005 m"):
-        made(interfaces={"wall": left}, solid_rim=0.0005)
+        make(interfaces={"wall": left}, solid_rim=0.0005)
 
 
 @pytest.mark.parametrize("width", [0.003, 0.006, 0.0085, 0.0108, 0.013])
@@ -146,8 +146,8 @@ def test_polygons(comm: MPI.Comm) -> None:
     """Rings of points, with a hole and a piece of its own in the hole; polygons of shapely."""
     rings = [np.array(shapely.box(*b).exterior.coords) for b in ((0, 0, 9, 9), (1, 1, 8, 8))]
     island = np.array(shapely.box(3, 3, 5, 5).exterior.coords)[::-1]
-    held = {"a": lambda x: x[0] < 1e-9, "b": lambda x: np.isclose(x[0], 0.003)}
-    body = Domain.from_outline(comm, [*rings, island], interfaces=held, size=0.001, unit="mm")
+    interfaces = {"a": lambda x: x[0] < 1e-9, "b": lambda x: np.isclose(x[0], 0.003)}
+    body = Domain.from_outline(comm, [*rings, island], interfaces=interfaces, size=0.001, unit="mm")
     assert body.area == pytest.approx(1e-6 * (81 - 49 + 4), rel=1e-12)
     shape = shapely.box(0, 0, 9, 9).difference(shapely.box(1, 1, 8, 8))
     body = Domain.from_outline(comm, shape, interfaces={"a": left}, size=1.0)

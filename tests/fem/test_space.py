@@ -73,15 +73,17 @@ def test_rigid_motions_and_a_linear_field(comm: MPI.Intracomm, cell: str, order:
     recovery = StressRecovery(elasticity, STEEL)
     first, second = STEEL.lame
     exact = np.array([first + 2 * second, first, first, 0.0, 2 * second, 0.0]) * 1e-3
-    found = recovery(field)
-    assert_allclose(found, np.broadcast_to(exact[:, None], found.shape), atol=1e-10 * exact[0])
+    recovered = recovery(field)
+    assert_allclose(
+        recovered, np.broadcast_to(exact[:, None], recovered.shape), atol=1e-10 * exact[0]
+    )
     energy = elasticity.strain_energy(np.ones(domain.n_cells), field[:, 0])
     density = 0.5 * (1e-3 * exact[0] + 2e-3 * exact[4])
     assert_allclose(energy, density * domain.cell_volumes, rtol=1e-10)
-    bar = np.random.default_rng(comm.rank).standard_normal(found.shape)
-    left = comm.allreduce(float(np.sum(bar * found)))
+    bar = np.random.default_rng(comm.rank).standard_normal(recovered.shape)
+    product = comm.allreduce(float(np.sum(bar * recovered)))
     right = float(elasticity.inner(recovery.transposed(bar), field)[0, 0])
-    assert left == pytest.approx(right, rel=1e-10)
+    assert product == pytest.approx(right, rel=1e-10)
 
 
 def test_materials_of_the_other_dimension_are_refused(comm: MPI.Intracomm) -> None:

@@ -339,8 +339,8 @@ class Scene:
         rod = {"body": "rod"}
         yield row(ffr.Mass, "", rod, body=TEXT)
         yield row(ffr.Volume, "", rod, body=TEXT)
-        more = {"pinned": ("left", [1], 1.0), "point_masses": FLAG}
-        yield row(ffr.Frequency, "number cluster free", rod, body=TEXT, **more)
+        body_options = {"pinned": ("left", [1], 1.0), "point_masses": FLAG}
+        yield row(ffr.Frequency, "number cluster free", rod, body=TEXT, **body_options)
         power = (*NUMBER, 1.0)
         joints = [value for value in TEXT if value != ("rod",)]  # several are a tuple of names
         yield row(ffr.JointForce, "moment window", {"joint": "pin"}, joint=joints, power=power)
@@ -517,8 +517,8 @@ class Scene:
         stress_modes = postprocessing.StressModes.of
         yield row(stress_modes, "body reduced relaxation void", correction=FLAG[1:])
         q = (*ARRAY, np.zeros(2), np.full(5, math.nan))
-        still = {"q": np.zeros(5)}
-        yield row(ffr.von_mises, "body reduced", still, q=q)
+        rest_state = {"q": np.zeros(5)}
+        yield row(ffr.von_mises, "body reduced", rest_state, q=q)
         name = (*TEXT[:2], "arm")
         yield row(ffr.worst_stress, "body evaluation", {"name": "rod"}, name=name)
         for call in (ffr.model_report, ffr.mode_error, ffr.local_modes):
@@ -528,8 +528,8 @@ class Scene:
         yield row(ffr.select_modes, "problem tolerance", {"tolerance": 1.0}, **of_rod)
         modes = (*MAPPING, {"arm": 1}, {"rod": -1}, {"rod": "1"})
         yield row(self.problem.with_modes, "", {"modes": {"rod": 1}}, modes=modes)
-        near = {**x, "tolerance": 0.1}
-        yield row(self.problem.with_tolerance, "", near, tolerance=NUMBER)
+        looser = {**x, "tolerance": 0.1}
+        yield row(self.problem.with_tolerance, "", looser, tolerance=NUMBER)
         yield row(self.problem.differentiate, "evaluation")
         rigid = {"function": lambda p: self.bodies["rod"], "jacobian": lambda p: []}
         yield row(ffr.ParametricBody, "function jacobian", rigid)
@@ -631,9 +631,9 @@ def answer(call: Callable[[], Any], name: str) -> str:
     try:
         found = call()
     except (TypeError, ValueError) as error:
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        line = linecache.getline(last.filename, last.lineno or 0).strip()
-        if PACKAGE in Path(last.filename).parents and line.startswith("raise"):
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        line = linecache.getline(frame.filename, frame.lineno or 0).strip()
+        if PACKAGE in Path(frame.filename).parents and line.startswith("raise"):
             words = rf"\b{name}\b|{name.replace('_', ' ')}|{CALLED.get(name, name)}"
             return "" if re.search(words, str(error)) else f"does not name it: {error}"
         return f"a trace from the inside: {type(error).__name__}: {error} ({line})"
@@ -679,9 +679,9 @@ def test_what_says_the_same_is_taken(tmp_path: Path) -> None:
     for path in ((np.zeros(instants), 0.0), (0.0, [0.0] * instants)):
         objective = ffr.PathTracking("rod", "right", path)
         problem = ffr.MechanicalProblem(mechanism, scene.steps, objective, bounds)
-        found = problem.value(scene.bodies).psi
+        returned = problem.value(scene.bodies).psi
     trajectory = ffr.simulate(mechanism, scene.bodies, scene.steps)
-    assert found == both.evaluate(ffr.Response(trajectory, scene.bodies))
+    assert returned == both.evaluate(ffr.Response(trajectory, scene.bodies))
     body = ffr.FlexibleBody(
         scene.rod, STEEL, frame=ffr.TangentFrame("left"), modes=0, stiffening={"omega2", "alpha"}
     )
@@ -708,16 +708,16 @@ def test_masks_and_numbers_choose_the_same_cells_and_facets(comm: MPI.Intracomm)
     of_facets[facets] = True
     by_numbers = ffr.Domain(rod.mesh, {"left": facets}, cells)
     by_masks = ffr.Domain(rod.mesh, {"left": of_facets}, ~rod.design_cells)
-    for found in (by_numbers, by_masks):
-        np.testing.assert_array_equal(found.interfaces["left"].facets, facets)
-        np.testing.assert_array_equal(found.design_cells, rod.design_cells)
+    for returned in (by_numbers, by_masks):
+        np.testing.assert_array_equal(returned.interfaces["left"].facets, facets)
+        np.testing.assert_array_equal(returned.design_cells, rod.design_cells)
 
 
 @pytest.mark.mpi
 def test_what_is_wrong_on_one_rank_is_refused_on_all(comm: MPI.Intracomm) -> None:
     rod = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(8, 2))
-    here = comm.rank == comm.size - 1
-    wrong = np.array([10**9] if here else [], dtype=np.int32)
+    is_last = comm.rank == comm.size - 1
+    wrong = np.array([10**9] if is_last else [], dtype=np.int32)
     with pytest.raises(ValueError, match="facet 1000000000 does not exist"):
         ffr.Domain(rod.mesh, {"left": wrong})
     ones = np.ones(rod.n_cells)
@@ -729,7 +729,7 @@ def test_what_is_wrong_on_one_rank_is_refused_on_all(comm: MPI.Intracomm) -> Non
     ]
     for density, kind, message in bad:
         with pytest.raises(kind, match=message):
-            rod.check_density(density if here else ones)
+            rod.check_density(density if is_last else ones)
 
 
 def test_slips_in_the_names_of_options() -> None:

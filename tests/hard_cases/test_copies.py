@@ -59,6 +59,6 @@ def test_one_problem_in_several_threads() -> None:
     designs = [even(problem, value) for value in np.linspace(0.3, 1.0, 8)]
     expected = [problem.gradient(x) for x in designs]
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(problem.gradient, designs))
-    for one, other in zip(found, expected, strict=True):
+        evaluations = list(pool.map(problem.gradient, designs))
+    for one, other in zip(evaluations, expected, strict=True):
         same_evaluation(one, other)

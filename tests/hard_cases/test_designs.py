@@ -67,8 +67,8 @@ def test_many_modes_beside_void(comm: MPI.Intracomm) -> None:
     assert body.elasticity.largest(np.abs(normal)) < 100.0
     gram = body.elasticity.inner(normal, basis.mass_times_normal)
     assert np.abs(gram - np.eye(100)).max() < 1e-10
-    few = problem.with_modes({"rod": 20}).value(strip).psi
-    assert problem.value(strip).psi == pytest.approx(few, rel=1e-3)
+    fewer_modes = problem.with_modes({"rod": 20}).value(strip).psi
+    assert problem.value(strip).psi == pytest.approx(fewer_modes, rel=1e-3)
 
 
 @pytest.mark.parametrize("floor", [1e-6, 1e-9])
@@ -135,10 +135,10 @@ def test_cluster_at_the_edge_of_the_basis(comm: MPI.Intracomm, difference: float
     direction = upper * np.cos(3 * body.domain.centroids[:, 0])
     step = 0.1 * difference
     with cut:
-        found = slope(body, x, direction)
+        derivative = slope(body, x, direction)
     with cut:
         ends = [body_compliance(body, x + s * step * direction)[0] for s in (-1.0, 1.0)]
-    assert found == pytest.approx((ends[1] - ends[0]) / (2.0 * step), rel=1e-3)
+    assert derivative == pytest.approx((ends[1] - ends[0]) / (2.0 * step), rel=1e-3)
 
 
 @pytest.mark.parametrize("gap", [pytest.param(0.0, marks=pytest.mark.mpi), 1e-12, 1e-9, 1e-6, 1e-3])
@@ -160,10 +160,10 @@ def test_interfaces_that_may_lose_their_material_are_named(comm: MPI.Intracomm) 
     assert domain.designed_interfaces == ["right"]
     problem = slider_crank(comm, domain=domain, modes=2)
     design = ffr.DensityDesign(domain)
-    with pytest.warns(ffr.DesignWarning) as said:
+    with pytest.warns(ffr.DesignWarning) as caught:
         ffr.optimize(problem, design, design.even(1.0), volume=1.0, iterations=0, progress=False)
-    assert "no cell of 'rod' along 'right' stays solid" in str(said[0].message)
-    assert "solid=" in str(said[0].message) and len(said) == 1
+    assert "no cell of 'rod' along 'right' stays solid" in str(caught[0].message)
+    assert "solid=" in str(caught[0].message) and len(caught) == 1
 
 
 @pytest.mark.slow
@@ -197,9 +197,11 @@ def test_psi_and_gradient_pass_on_continuously(
     jump = 1e-7 if integrator.steps is None else 1e-10
     line = [problem.gradient(0.8 + step * k * upper) for k in (-2, -1, 0, 1, 2)]
     slopes = [comm.allreduce(float(e.gradient["fork"] @ upper)) for e in line]
-    first = [e.fixed_interface_frequencies["fork"][:2] for e in line]
-    assert first[2][1] - first[2][0] < 1e-6 * first[2][0]  # they meet in the middle
-    assert all(pair[1] - pair[0] > 1e-6 * pair[0] for k, pair in enumerate(first) if k != 2)
+    frequencies = [e.fixed_interface_frequencies["fork"][:2] for e in line]
+    assert (
+        frequencies[2][1] - frequencies[2][0] < 1e-6 * frequencies[2][0]
+    )  # they meet in the middle
+    assert all(pair[1] - pair[0] > 1e-6 * pair[0] for k, pair in enumerate(frequencies) if k != 2)
     # the trapezoidal rule for the gradient gives the difference, to third order
     rule = 0.5 * step * np.add(slopes[1:], slopes[:-1])
     for k, change in enumerate(np.diff([evaluation.psi for evaluation in line])):

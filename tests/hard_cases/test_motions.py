@@ -116,8 +116,8 @@ def test_a_step_of_seconds_is_no_singular_mechanism() -> None:
 
 def advised(caught: Any, kind: str) -> int:
     """The number of steps that a message of some kind advises."""
-    said = next(str(w.message) for w in caught if f"of its {kind}" in str(w.message))
-    return int(said.split("take ")[1].split(" steps")[0])
+    message = next(str(w.message) for w in caught if f"of its {kind}" in str(w.message))
+    return int(message.split("take ")[1].split(" steps")[0])
 
 
 def check_silent(mechanism: ffr.Mechanism, bodies: Bodies, *integrators: Integrator) -> None:
@@ -180,8 +180,8 @@ def test_a_rod_driven_at_both_ends_is_reported(method: Method) -> None:
     """A linear rod may be stretched to any length, which the warning says in numbers."""
     rod = beam(modes=4, elements=4)
     mechanism = slider_crank_mechanism(ffr.Motion.polynomial([0.0, 2.0]))
-    held = ffr.Revolute(("rod", "right"), ffr.Ground((0.5, 0.0)))
-    mechanism = replace(mechanism, joints=[mechanism.joints[0], held], point_masses=[])
+    joint = ffr.Revolute(("rod", "right"), ffr.Ground((0.5, 0.0)))
+    mechanism = replace(mechanism, joints=[mechanism.joints[0], joint], point_masses=[])
     integrator = method(math.pi / 2.0, 400)
     # At the end it reaches over 0.6 m, a half more, by quarter of a sine: a half over root two.
     message = r"body 'rod' is deformed by 0\.35 of its length \(root mean square\) at t = 1\.571 s"

@@ -40,10 +40,10 @@ def chains(draw: st.DrawFn) -> Scene:
         angle = draw(st.floats(-math.pi, math.pi))
         along = np.array([math.cos(angle), math.sin(angle)])
         # the frame's origin is where its marker says
-        left = bodies[name].markers["left"].position
+        pin = bodies[name].markers["left"].position
         turn = np.array([[along[0], -along[1]], [along[1], along[0]]])
         placements[name] = ffr.Placement(
-            tuple(end - turn @ left), angle, angular_velocity=draw(st.floats(-5.0, 5.0))
+            tuple(end - turn @ pin), angle, angular_velocity=draw(st.floats(-5.0, 5.0))
         )
         kind = draw(st.sampled_from(["revolute", "revolute", "weld", "slider"]))
         joint = {"revolute": ffr.Revolute, "weld": ffr.Weld, "slider": ffr.PointOnLine}[kind]

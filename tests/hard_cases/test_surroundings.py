@@ -75,13 +75,19 @@ def test_a_full_disk_is_named_with_the_file(name: str, room: int, tmp_path: Path
 def test_names_become_distinct_file_names_within_their_folder() -> None:
     names = ["link 1", "link_1", "../../x", "/etc/x", "..", "", "Arm", "arm", "checkpoint"]
     names += [300 * "n", 300 * "n" + "2", "Glied ä", os.fsdecode(b"gr\xf6"), "a\0b", "-rf", ".lock"]
-    found = file_names(names)
-    assert list(found) == names
-    assert found["link_1"] == "link_1" and found["link 1"] == "link_1-2"
-    assert len({own.casefold() for own in found.values()}) == len(names)
-    for own in found.values():
-        assert Path(own).name == own and own not in ("", "checkpoint") and "." not in own
-        assert len(os.fsencode(own)) < 200 and own[0] not in ".-" and "\0" not in own
+    names_of_files = file_names(names)
+    assert list(names_of_files) == names
+    assert names_of_files["link_1"] == "link_1" and names_of_files["link 1"] == "link_1-2"
+    assert len({directory.casefold() for directory in names_of_files.values()}) == len(names)
+    for directory in names_of_files.values():
+        assert (
+            Path(directory).name == directory
+            and directory not in ("", "checkpoint")
+            and "." not in directory
+        )
+        assert (
+            len(os.fsencode(directory)) < 200 and directory[0] not in ".-" and "\0" not in directory
+        )
 
 
 def test_paths_that_are_not_utf8(tmp_path: Path) -> None:
@@ -165,20 +171,20 @@ def test_without_a_home_compiled_functions_are_kept_among_the_temporary_files(
         program = "-W", "error::UserWarning", str(tmp_path / "module.py")
         done = processes.run(*program, **variables)
         assert done.returncode == 0, done.stderr
-        kept = (tmp_path / "tmp").glob(f"dolfinx_ffr-{os.getuid()}/kernels/**/*.nbc")
-        times.append({path.name: path.stat().st_mtime_ns for path in kept})
+        kernels = (tmp_path / "tmp").glob(f"dolfinx_ffr-{os.getuid()}/kernels/**/*.nbc")
+        times.append({path.name: path.stat().st_mtime_ns for path in kernels})
     assert times[0]
     assert times[1] == times[0], "compiled once more"
 
 
 def test_a_directory_of_others_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    own = spare_directory()
-    assert own is not None and own.stat().st_mode & 0o777 == 0o700
-    own.chmod(0o777)
+    directory = spare_directory()
+    assert directory is not None and directory.stat().st_mode & 0o777 == 0o700
+    directory.chmod(0o777)
     assert spare_directory() is None
-    own.rmdir()
-    own.symlink_to(tmp_path)
+    directory.rmdir()
+    directory.symlink_to(tmp_path)
     assert spare_directory() is None
 
 
@@ -208,17 +214,22 @@ def test_warnings_of_a_run(
     monkeypatch.setattr(warnings, "showwarning", before)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
-        known = {"volume": 0.9, "iterations": 2, "optimizer": optimizer, "progress": progress}
+        metadata_file = {
+            "volume": 0.9,
+            "iterations": 2,
+            "optimizer": optimizer,
+            "progress": progress,
+        }
         said = lambda *_: warnings.warn("something to know", stacklevel=1)  # noqa: E731
         start = levelset.with_holes(4, 1, 0.012)
-        ffr.optimize(problem, levelset, start, **known, callback=said)  # type: ignore[arg-type]
+        ffr.optimize(problem, levelset, start, **metadata_file, callback=said)  # type: ignore[arg-type]
     assert warnings.showwarning is before
-    shown = capsys.readouterr().err
-    assert shown.count("said: something to know\n") == 2
-    assert [shown.count(f"said: body 'link {k}' is deformed") for k in (1, 2)] == [1, 1]
+    errors = capsys.readouterr().err
+    assert errors.count("said: something to know\n") == 2
+    assert [errors.count(f"said: body 'link {k}' is deformed") for k in (1, 2)] == [1, 1]
     # the line of the bar has been cleared, and the cursor stands at its beginning
-    assert all(part.endswith(("\r", "\n")) for part in shown.split("said: ")[1:-1])
-    assert shown.partition("said: ")[0].endswith("\r") is progress
+    assert all(part.endswith(("\r", "\n")) for part in errors.split("said: ")[1:-1])
+    assert errors.partition("said: ")[0].endswith("\r") is progress
 
 
 #: Scalar bars of a plane body and of one in space, after imports in a certain order.
@@ -284,12 +295,12 @@ def test_a_numpy_that_others_are_not_compiled_for(strange: str, tmp_path: Path) 
     """Both versions and the remedy, at the import and before anything is computed."""
     source, module, said = STRANGE[strange]
     metadata = f"Metadata-Version: 2.1\nName: {strange}\nVersion: 9.0\n"
-    known = f"{strange}-9.0.dist-info/METADATA"
-    for name, text in ((f"{strange}/__init__.py", source), (known, metadata)):
+    metadata_file = f"{strange}-9.0.dist-info/METADATA"
+    for name, text in ((f"{strange}/__init__.py", source), (metadata_file, metadata)):
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).write_text(text)
-    found = f"{tmp_path}{os.pathsep}{processes.environment()['PYTHONPATH']}"
-    done = processes.run("-c", f"import dolfinx_ffr{module}", PYTHONPATH=found)
+    names_of_files = f"{tmp_path}{os.pathsep}{processes.environment()['PYTHONPATH']}"
+    done = processes.run("-c", f"import dolfinx_ffr{module}", PYTHONPATH=names_of_files)
     assert done.returncode == 1
     assert re.match(f"ImportError: {said}", done.stderr.splitlines()[-1]), done.stderr
 

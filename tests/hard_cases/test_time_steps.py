@@ -265,11 +265,11 @@ def test_sudden_weight() -> None:
     problem = ffr.MechanicalProblem(mechanism, chosen, ffr.IntegralCompliance())
     assert problem.value(bodies).psi == pytest.approx(1.5 * 2.0 * sag(bodies), rel=1e-2)
     # by steps that were given it is told what is missing, and model reports know
-    given = replace(problem, integrator=ffr.RadauIIA(2.0, steps=400))
+    fixed = replace(problem, integrator=ffr.RadauIIA(2.0, steps=400))
     with pytest.warns(ffr.TimeStepWarning, match=r"417\.8 Hz first of all, .* 33 percent"):
-        lost = given.value(bodies)
+        lost = fixed.value(bodies)
     assert lost.psi == pytest.approx(2.0 * sag(bodies), rel=1e-3)
-    assert given.time_error(lost.response) == pytest.approx(0.5 / 1.5, rel=0.1)
+    assert fixed.time_error(lost.response) == pytest.approx(0.5 / 1.5, rel=0.1)
     # the same where other steps are to be refined
     alpha = replace(problem, integrator=ffr.GeneralizedAlpha(2.0, 500)).with_tolerance(bodies, 1e-2)
     assert alpha.integrator == ffr.GeneralizedAlpha(2.0, 500, 1.0)
@@ -280,9 +280,9 @@ def test_chosen_steps_are_not_told_to_be_chosen() -> None:
     """Where they lose vibrations of another design they are to be judged there."""
     mechanism, bodies = steel_cantilever(gravity=(0.0, -9.81))
     chosen = ffr.RadauIIA(2.0, steps=400, chosen_for=1e-2)
-    with pytest.warns(ffr.TimeStepWarning, match=r"were chosen for an error of 1\.0e-02") as said:
+    with pytest.warns(ffr.TimeStepWarning, match=r"were chosen for an error of 1\.0e-02") as caught:
         ffr.simulate(mechanism, bodies, chosen)
-    assert "TimeInterval" not in str(said[0].message)
+    assert "TimeInterval" not in str(caught[0].message)
 
 
 def test_resonance_between_the_designs_of_the_choice_is_told() -> None:
@@ -294,11 +294,11 @@ def test_resonance_between_the_designs_of_the_choice_is_told() -> None:
     end_time = 40.0 * 2.0 * math.pi / first
     chosen = ffr.GeneralizedAlpha(end_time, 3000, chosen_for=1e-2)
     problem = ffr.MechanicalProblem(mechanism, chosen, ffr.IntegralCompliance())
-    with pytest.warns(ffr.TimeStepWarning, match=r"estimated .*Problem\.with_steps_for") as said:
+    with pytest.warns(ffr.TimeStepWarning, match=r"estimated .*Problem\.with_steps_for") as caught:
         psi = problem.value(bodies).psi
     exact = replace(problem, integrator=ffr.RadauIIA(end_time, steps=2000)).value(bodies).psi
-    (told,) = re.findall(r"by an estimated ([0-9.e-]+);", str(said[0].message))
-    assert float(told) == pytest.approx(abs(psi / exact - 1.0), rel=0.1)
+    (estimated,) = re.findall(r"by an estimated ([0-9.e-]+);", str(caught[0].message))
+    assert float(estimated) == pytest.approx(abs(psi / exact - 1.0), rel=0.1)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         replace(problem, integrator=replace(chosen, steps=12_000)).value(bodies)
@@ -325,9 +325,9 @@ def test_a_blow_between_the_steps() -> None:
     motion = integrate(named, bodies, ffr.RadauIIA(0.2, steps=8000))
     psi = problem.objective.evaluate(Response(motion, bodies))
     assert problem.value(bodies).psi == pytest.approx(psi, rel=1e-3)
-    given = replace(problem, integrator=ffr.RadauIIA(0.2, steps=20))
+    fixed = replace(problem, integrator=ffr.RadauIIA(0.2, steps=20))
     with pytest.warns(ffr.TimeStepWarning, match=r"changes within .* at t = 0\.07"):
-        given.value(bodies)
+        fixed.value(bodies)
     chosen = replace(problem, integrator=ffr.TimeInterval(0.2, 1e-3)).value(bodies)
     assert chosen.psi == pytest.approx(psi, rel=1e-3)
 

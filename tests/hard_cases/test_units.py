@@ -63,15 +63,15 @@ def differences(
 
     def solved(scene: Scene) -> tuple[float, dict[str, ffr.VolumeIntegrals]]:
         problem = ffr.MechanicalProblem(scene.mechanism, scene.integrator, objective)
-        found = problem.gradient(scene.bodies)
-        assert found.integrals_gradient is not None
-        return found.psi, found.integrals_gradient
+        evaluation = problem.gradient(scene.bodies)
+        assert evaluation.integrals_gradient is not None
+        return evaluation.psi, evaluation.integrals_gradient
 
     psi, gradient = solved(scene)
-    found = []
+    values = []
     for units in systems:
         here, bars = solved(units.scene(scene))
-        found.append(abs(here / units.factor(powers) / psi - 1.0))
+        values.append(abs(here / units.factor(powers) / psi - 1.0))
         for name, bar in bars.items():
             # A derivative is psi over an integral: it goes back as the integral comes.
             back, exact = units.body(bar).scaled(1.0 / units.factor(powers)), gradient[name]
@@ -81,8 +81,8 @@ def differences(
                 if integral > 0.0:
                     # Where next to nothing depends on an integral, that is round-off of psi.
                     size = max(float(np.max(np.abs(theirs))), abs(psi) / integral)
-                    found.append(float(np.max(np.abs(ours - theirs))) / size)
-    return found
+                    values.append(float(np.max(np.abs(ours - theirs))) / size)
+    return values
 
 
 @pytest.mark.slow

@@ -24,9 +24,9 @@ DURATION = 0.1
 
 def swing(path: Path, steps: int) -> Array:
     """Elastic coordinates of a file's body that turns about its first marker, (steps + 1, r)."""
-    mbs, made = body_from(path, initialAngularVelocity=list(SPIN))
-    hold(mbs, made, 0, [1, 1, 1])
-    return elastic_coordinates(mbs, made, DURATION, steps)
+    mbs, body_numbers = body_from(path, initialAngularVelocity=list(SPIN))
+    hold(mbs, body_numbers, 0, [1, 1, 1])
+    return elastic_coordinates(mbs, body_numbers, DURATION, steps)
 
 
 def test_a_pendulum_moves_from_its_file(tmp_path: Path) -> None:

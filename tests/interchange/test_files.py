@@ -114,7 +114,7 @@ def test_a_body_in_the_plane_is_one_in_space(tmp_path: Path) -> None:
     inertia = m * np.array([(b**2 + c**2) / 12, a**2 / 3 + c**2 / 12, a**2 / 3 + b**2 / 12])
     assert deep.P is not None
     np.testing.assert_allclose(ffr.body.theta(deep.P[0, 0]), np.diag(inertia), atol=1e-12)
-    rng, r, found = np.random.default_rng(0), flat.modes, []
+    rng, r, residuals = np.random.default_rng(0), flat.modes, []
     state = rng.standard_normal((3, 3 + r)) * np.array([1.0] * 3 + [1e-2] * r)
     state[0, :3] = 0.0
     for load, entries in (("omega2", ((0, 0, -1), (1, 1, -1))), ("alpha", ((1, 0, 1), (0, 1, -1)))):
@@ -125,37 +125,45 @@ def test_a_body_in_the_plane_is_one_in_space(tmp_path: Path) -> None:
         model = assemble_model(
             ffr.Mechanism({"rod": ffr.Placement(place)}), {"rod": one}, np.linspace(0, 1, 3)
         )
-        own = np.arange(3 + r) if one is flat else np.array([0, 1, 5, *range(6, 6 + r)])
-        given = np.zeros((3, model.size))
-        given[:, own] = state
-        found.append(evaluate_equations(model.arrays, 0, *given, np.zeros(0)).residual[own])
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-9 * np.abs(found[0]).max())
+        columns = np.arange(3 + r) if one is flat else np.array([0, 1, 5, *range(6, 6 + r)])
+        states = np.zeros((3, model.size))
+        states[:, columns] = state
+        residuals.append(
+            evaluate_equations(model.arrays, 0, *states, np.zeros(0)).residual[columns]
+        )
+    np.testing.assert_allclose(
+        residuals[1], residuals[0], rtol=1e-9, atol=1e-9 * np.abs(residuals[0]).max()
+    )
 
 
 def test_the_table_of_the_documentation_says_what_formats_hold() -> None:
     page = (TOP / "docs" / "interchange.md").read_text()
     rows = [[cell.strip(" `") for cell in row.split("|")[1:-1]] for row in page.splitlines()]
-    told = {row[0]: row for row in rows if row and row[0] in FORMATS and len(row) == 9}
-    assert list(told) == list(FORMATS)
+    table = {row[0]: row for row in rows if row and row[0] in FORMATS and len(row) == 9}
+    assert list(table) == list(FORMATS)
     for name, kind in FORMATS.items():
-        held = [what in kind.holds for what in FEATURES] + [kind.readable]
-        assert told[name][3:] == ["yes" if each else "no" for each in held], name
-        assert told[name][1] in (*kind.endings, ".npz")
+        answers = [what in kind.holds for what in FEATURES] + [kind.readable]
+        assert table[name][3:] == ["yes" if each else "no" for each in answers], name
+        assert table[name][1] in (*kind.endings, ".npz")
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> bytes:
     """A file cut short, with bytes changed, or with a line or a piece gone or twice."""
     kind, n = rng.integers(4), len(content)
-    at = int(rng.integers(n))
+    place_in_file = int(rng.integers(n))
     if kind == 0:
-        return content[:at]
+        return content[:place_in_file]
     if kind == 1:
         bytes_ = bytearray(content)
         for k in rng.integers(n, size=rng.integers(1, 4)):
             bytes_[k] = (bytes_[k] + int(rng.integers(1, 256))) % 256
         return bytes(bytes_)
-    end = at + int(rng.integers(1, 200))
-    return content[:at] + content[end:] if kind == 2 else content[:end] + content[at:]
+    end = place_in_file + int(rng.integers(1, 200))
+    return (
+        content[:place_in_file] + content[end:]
+        if kind == 2
+        else content[:end] + content[place_in_file:]
+    )
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -89,8 +89,8 @@ def read_mtx(folder: Path) -> AssembledMatrices:
 
 def assert_near(found: AssembledMatrices, body: AssembledMatrices, share: float) -> None:
     for key in ("stiffness", "mass"):
-        wanted = getattr(body, key)
-        assert abs(getattr(found, key) - wanted).max() <= share * abs(wanted).max()
+        expected = getattr(body, key)
+        assert abs(getattr(found, key) - expected).max() <= share * abs(expected).max()
     np.testing.assert_allclose(found.nodes, body.nodes, rtol=0.0, atol=1e-6)
 
 
@@ -122,13 +122,13 @@ def test_matrices_that_are_no_body_are_refused() -> None:
     _, good = bar((2, 1, 1))
     K, M, nodes, sets = good.stiffness, good.mass, good.nodes, good.node_sets
     n = nodes.size
-    held = scipy.sparse.diags(np.where(np.arange(n) % 3 == 1, 1e9, 0.0))
+    springs = scipy.sparse.diags(np.where(np.arange(n) % 3 == 1, 1e9, 0.0))
     twice = scipy.sparse.block_diag([K, K]), scipy.sparse.block_diag([M, M])
     skew = scipy.sparse.csr_matrix(([1e9], ([0], [5])), shape=(n, n))
     line = {**sets, "left": [0, 1]}
     for message, change in {
         "resists translation along y, rotation about x, rotation about z": (
-            K + held,
+            K + springs,
             M,
             nodes,
             sets,
@@ -152,9 +152,9 @@ def test_matrices_that_are_no_body_are_refused() -> None:
         "overlap: they share": {"interfaces": ["left", "right", "all"]},
         "is 3.768 and not 3768 kg": {"interfaces": ["left", "right"], "mass": 3768.0},
     }.items():
-        more = AssembledMatrices(K, M, nodes, {**sets, "all": np.arange(len(nodes))})
+        with_all_nodes = AssembledMatrices(K, M, nodes, {**sets, "all": np.arange(len(nodes))})
         with pytest.raises(ValueError, match=message):
-            reduce_matrices(more, **CHORD, **options)  # type: ignore[arg-type]
+            reduce_matrices(with_all_nodes, **CHORD, **options)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("program", ["calculix", "abaqus"])
@@ -216,6 +216,6 @@ def test_sets_of_more_nodes_than_there_are(tmp_path: Path, lines: str, message: 
         with pytest.raises(ValueError, match=message):
             read_calculix(path)
         return
-    found = read_calculix(path).node_sets
-    assert len(found["s0"]) == 3
-    assert len(found.get("odd", range(12))) == 12 and len(found.get("s60", range(3))) == 3
+    node_sets = read_calculix(path).node_sets
+    assert len(node_sets["s0"]) == 3
+    assert len(node_sets.get("odd", range(12))) == 12 and len(node_sets.get("s60", range(3))) == 3

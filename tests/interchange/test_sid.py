@@ -35,11 +35,11 @@ class NewtonEuler:
         """M(q) = m0 + sum q_k m1_k."""
         block = re.search(rf"^ *{name}\n(.*?)^ *end {name}", text or self.text, re.M | re.S)[1]  # type: ignore[index]
         size = [int(re.search(rf"{key} *= *(\d+)", block)[1]) for key in ("nrow", "ncol")]  # type: ignore[index]
-        found = np.zeros(size)
+        computed = np.zeros(size)
         for order, index, value in re.findall(r"m([01])\(([\d, ]+)\) *= *(\S+)", block):
             *k, value = *(int(n) - 1 for n in index.split(",")), float(value.replace("D", "e"))
-            found[k[0], k[-1]] += value * (q[k[1]] if order == "1" else 1.0)
-        return found
+            computed[k[0], k[-1]] += value * (q[k[1]] if order == "1" else 1.0)
+        return computed
 
     def residual(self, q: Array, v: Array, a: Array, frame: tuple[Array, Array, Array]) -> Array:
         """Inertia less gravity, for a frame's acceleration, velocity of turn and its rate."""
@@ -90,13 +90,13 @@ def test_equations_of_motion_from_the_file_alone(tmp_path: Path, state: int) -> 
     def theirs(t: float) -> Array:
         return read.residual(t * q, t * v, t * a, (acceleration - gravity, w, e))
 
-    wanted, found = first_orders(ours), first_orders(theirs)
-    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-10 * np.max(np.abs(wanted)))
+    expected, computed = first_orders(ours), first_orders(theirs)
+    np.testing.assert_allclose(computed, expected, rtol=0.0, atol=1e-10 * np.max(np.abs(expected)))
     marker = body.markers["tip"]
-    where, phi = (
+    origin, phi = (
         read.term(key, t * q, read.nodes[1]) for key, t in (("origin", 1.0), ("phi", 0.5))
     )
-    np.testing.assert_allclose(where[:, 0], marker.position + marker.displacement @ q, rtol=1e-12)
+    np.testing.assert_allclose(origin[:, 0], marker.position + marker.displacement @ q, rtol=1e-12)
     np.testing.assert_allclose(marker.position + phi @ q, marker.position + marker.shift(q))
 
 

@@ -33,12 +33,12 @@ def assert_free_body(
     body: ffr.VolumeIntegrals, mass: Array, stiffness: Array, digits: float = 1e-9
 ) -> None:
     """Six motions without strain, the mass along all axes, and our frequencies of the free body."""
-    whole, inner = body.mass_matrix(), np.zeros((6 + body.modes, 6 + body.modes))
+    mass_matrix, inner = body.mass_matrix(), np.zeros((6 + body.modes, 6 + body.modes))
     inner[6:, 6:] = body.K
-    expected = scipy.linalg.eigh(inner, whole, eigvals_only=True)
-    found = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
-    assert np.all(np.abs(found[:6]) < 1e-8 * found[6])
-    np.testing.assert_allclose(found[6:], expected[6:], rtol=digits)
+    expected = scipy.linalg.eigh(inner, mass_matrix, eigvals_only=True)
+    squares = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
+    assert np.all(np.abs(squares[:6]) < 1e-8 * squares[6])
+    np.testing.assert_allclose(squares[6:], expected[6:], rtol=digits)
     along = np.zeros((len(mass), 3))
     for k in range(2):
         along[6 * k : 6 * k + 3] = np.eye(3)
@@ -89,8 +89,8 @@ def test_matrices_of_nastran(tmp_path: Path, way: str) -> None:
         from pyNastran.op4.op4 import OP4
 
         options["op4"] = tmp_path / "bar.op4"
-        whole = {name: (6, matrix.toarray()) for name, matrix in settings.items()}
-        OP4(debug=False).write_op4(str(options["op4"]), whole, is_binary=False)
+        mass_matrix = {name: (6, matrix.toarray()) for name, matrix in settings.items()}
+        OP4(debug=False).write_op4(str(options["op4"]), mass_matrix, is_binary=False)
     matrices_read = read_nastran(path, **options)
     assert_near(matrices_read, matrices, 1e-9)
     assert matrices_read.node_sets.keys() == matrices.node_sets.keys()

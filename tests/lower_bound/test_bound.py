@@ -218,12 +218,14 @@ def test_divided_cells_have_the_same_polynomial(cell: str) -> None:
     """And their coefficients' mean is the mean of the polynomial: positive ones that add to one."""
     basis = Bernstein(cell, 3)
     coefficients = np.random.default_rng(2).normal(size=(1, len(basis.exponents)))
-    parts = np.concatenate([coefficients @ part.T for part in basis.divided])
-    assert parts.mean() == pytest.approx(coefficients.mean(), abs=1e-13)
+    coefficients_of_parts = np.concatenate([coefficients @ part.T for part in basis.divided])
+    assert coefficients_of_parts.mean() == pytest.approx(coefficients.mean(), abs=1e-13)
     origin, edges = basis._parts()[-1]
     point = np.full(basis.dimension, 0.2)
     inside = basis((origin + point @ edges)[None])[0]
-    assert basis(point[None])[0] @ parts[-1] == pytest.approx(inside @ coefficients[0], abs=1e-13)
+    assert basis(point[None])[0] @ coefficients_of_parts[-1] == pytest.approx(
+        inside @ coefficients[0], abs=1e-13
+    )
     assert inside.min() > 0.0
     assert inside.sum() == pytest.approx(1.0)
 
@@ -236,9 +238,9 @@ def test_what_stays_solid_and_the_volume_raise_the_bound(rod: ffr.Problem) -> No
     )
     bound = ffr.bound(rod)
     assert bound.psi > ffr.bound(free).psi
-    less = ffr.bound(rod, volume=0.3)
-    assert less.psi > bound.psi
-    assert less.sheet_volume["rod"] <= 0.3 * (1.0 + 1e-9) < bound.sheet_volume["rod"]
+    with_less_volume = ffr.bound(rod, volume=0.3)
+    assert with_less_volume.psi > bound.psi
+    assert with_less_volume.sheet_volume["rod"] <= 0.3 * (1.0 + 1e-9) < bound.sheet_volume["rod"]
 
 
 def refused(case: str) -> ffr.Problem:

@@ -192,8 +192,8 @@ REFUSED: list[tuple[Joint | AppliedForce, str]] = [
 
 @pytest.mark.parametrize(("thing", "message"), REFUSED, ids=[type(t).__name__ for t, _ in REFUSED])
 def test_what_the_plane_does_not_have_is_refused(thing: Joint | AppliedForce, message: str) -> None:
-    parts = {"joints": [thing]} if isinstance(thing, Joint) else {"forces": [thing]}
-    mechanism = ffr.Mechanism({"block": ffr.Placement()}, **parts)  # type: ignore[arg-type]
+    connections = {"joints": [thing]} if isinstance(thing, Joint) else {"forces": [thing]}
+    mechanism = ffr.Mechanism({"block": ffr.Placement()}, **connections)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=message):
         ffr.simulate(mechanism, BODIES, ffr.GeneralizedAlpha(0.1, 1))
 

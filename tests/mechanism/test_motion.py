@@ -131,24 +131,28 @@ def test_splines(ends: str | tuple[str, str], degree: int) -> None:
     """Through their values, with exact derivatives, linear in the values, ends as stated."""
     rng = np.random.default_rng(0)
     t = 5.0 + 1e-3 * np.cumsum(rng.uniform(0.5, 1.5, 12))
-    one, two = rng.uniform(-1.0, 1.0, (2, 12))
+    coefficients, other_coefficients = rng.uniform(-1.0, 1.0, (2, 12))
     if ends == "periodic":
-        one[-1], two[-1] = one[0], two[0]
+        coefficients[-1], other_coefficients[-1] = coefficients[0], other_coefficients[0]
     pair = (ends, ends) if isinstance(ends, str) else ends
-    motion = Motion.spline(t, one, ends=ends, degree=degree)
-    np.testing.assert_allclose(motion.value(t), one, atol=1e-11)
+    motion = Motion.spline(t, coefficients, ends=ends, degree=degree)
+    np.testing.assert_allclose(motion.value(t), coefficients, atol=1e-11)
     away = [1e-3 * (end != "natural") for end in pair]
     low, high = t[0] - away[0], t[-1] + away[1]
     motion.check(low, high)
-    every = np.linspace(low, high, 101)
-    table = motion.tabulate(every)
-    other = Motion.spline(t, two, ends=ends, degree=degree).tabulate(every)
-    both = Motion.spline(t, one - 3.0 * two, ends=ends, degree=degree).tabulate(every)
-    for row, expected in zip(both, table - 3.0 * other, strict=True):
+    instants = np.linspace(low, high, 101)
+    table = motion.tabulate(instants)
+    other = Motion.spline(t, other_coefficients, ends=ends, degree=degree).tabulate(instants)
+    combined = Motion.spline(
+        t, coefficients - 3.0 * other_coefficients, ends=ends, degree=degree
+    ).tabulate(instants)
+    for row, expected in zip(combined, table - 3.0 * other, strict=True):
         np.testing.assert_allclose(row, expected, atol=1e-9 * np.max(np.abs(expected)))
     marked = [edge for end, edge in zip(pair, t[[0, -1]], strict=True) if end in ENDS[:2]]
     assert motion.jumps == pytest.approx(marked, rel=1e-15)
-    for end, beyond, edge, value in zip(pair, (low, high), t[[0, -1]], one[[0, -1]], strict=True):
+    for end, beyond, edge, value in zip(
+        pair, (low, high), t[[0, -1]], coefficients[[0, -1]], strict=True
+    ):
         far, here = motion.tabulate([beyond])[:, 0], motion.tabulate([edge])[:, 0]
         if end == "rest":
             np.testing.assert_array_equal(far[1:], 0.0)
@@ -161,7 +165,7 @@ def test_splines(ends: str | tuple[str, str], degree: int) -> None:
             with pytest.raises(ValueError, match=r"known from .* alone, not at t = .*ends of rest"):
                 motion.tabulate([edge + np.sign(edge - 5.006) * 1e-4])
         else:
-            again = motion.tabulate(every + 3.0 * (t[-1] - t[0]))
+            again = motion.tabulate(instants + 3.0 * (t[-1] - t[0]))
             np.testing.assert_allclose(again[0], table[0], atol=1e-9)
 
 
@@ -227,11 +231,11 @@ def test_fourier_sums_and_composition() -> None:
 def test_table(tmp_path: Path) -> None:
     path = tmp_path / "angles.csv"
     path.write_text("# measured\ntime [ms]; shoulder (deg); slide\n0; 350; 1\n\n10;5;2\n20; 8;4\n")
-    found = Motion.from_table(path, "shoulder", unwrap=True)
+    motion = Motion.from_table(path, "shoulder", unwrap=True)
     np.testing.assert_allclose(
-        found.value(np.array([0.0, 0.01, 0.02])), np.radians([350.0, 365.0, 368.0]), rtol=1e-14
+        motion.value(np.array([0.0, 0.01, 0.02])), np.radians([350.0, 365.0, 368.0]), rtol=1e-14
     )
-    assert found.name == "angles.csv: shoulder"
+    assert motion.name == "angles.csv: shoulder"
     slide = Motion.from_table(str(path), "slide", unit="mm", ends="rest")
     np.testing.assert_allclose(slide.value(np.array([0.01, 9.0])), [2e-3, 4e-3], rtol=1e-12)
 
@@ -240,8 +244,8 @@ def test_table(tmp_path: Path) -> None:
 def test_tables_in_other_encodings(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "angles.csv"
     path.write_bytes("Zeit [µs];Drehwinkel Kürbel [°]\n0;90\n1;180\n2;180\n".encode(encoding))
-    found = Motion.from_table(path, "Drehwinkel Kürbel", time="Zeit")
-    np.testing.assert_allclose(found.value(np.array([0.0, 1e-6])), [np.pi / 2, np.pi], rtol=1e-14)
+    motion = Motion.from_table(path, "Drehwinkel Kürbel", time="Zeit")
+    np.testing.assert_allclose(motion.value(np.array([0.0, 1e-6])), [np.pi / 2, np.pi], rtol=1e-14)
     path.write_bytes(path.read_text(encoding=encoding).encode("utf-16-be"))
     with pytest.raises(ValueError, match="is no text that can be read; save it as UTF-8"):
         Motion.from_table(path, "Drehwinkel Kürbel", time="Zeit")

@@ -33,9 +33,9 @@ class SpecificCompliance(ffr.Objective):
         return self.compliance.evaluate(response) * self.volume.evaluate(response)
 
     def derivatives(self, response: ffr.Response) -> ffr.Derivatives:
-        through = self.compliance.derivatives(response).scaled(self.volume.evaluate(response))
+        by_compliance = self.compliance.derivatives(response).scaled(self.volume.evaluate(response))
         share = self.compliance.evaluate(response)
-        return through + self.volume.derivatives(response).scaled(share)
+        return by_compliance + self.volume.derivatives(response).scaled(share)
 
 
 @pytest.mark.mpi
@@ -156,10 +156,10 @@ def test_volume_of_regions(comm: MPI.Intracomm) -> None:
     assert shares["right"] == pytest.approx((2 * 1.0 + 5 * 0.6) / 10, rel=1e-13)
     assert shares["void"] == 0.0
     assert evaluation.psi == pytest.approx(0.5 * (shares["left"] + shares["right"]), rel=1e-13)
-    left = evaluation.constraints["left"].gradient
-    assert left is not None
+    gradient = evaluation.constraints["left"].gradient
+    assert gradient is not None
     half = np.where(domain.centroids[:, 0] < 0.2, 2.0 * domain.cell_volumes / domain.area, 0.0)
-    np.testing.assert_allclose(left["bar"], half / 0.5, rtol=1e-13)
+    np.testing.assert_allclose(gradient["bar"], half / 0.5, rtol=1e-13)
     for region, message in (
         (lambda x: x[0] > 1.0, "its region holds no cell"),
         (lambda x: x[0], "True or False for each of the rank's"),

@@ -86,9 +86,9 @@ def test_work_is_the_energy_gained_and_a_crank_has_its_power_at_the_pin() -> Non
     both = DriveWork(["pin", "held"], recovered=1.0)  # type: ignore[arg-type]
     response = ffr.Response(trajectory, bodies)
     assert both.evaluate(response) == pytest.approx(energy[-1] - energy[0], rel=1e-8)
-    parts = [DriveWork(name, recovered=1.0).evaluate(response) for name in ("pin", "held")]
-    assert sum(parts) == pytest.approx(both.evaluate(response), rel=1e-12)
-    assert all(abs(part) > 0.05 * abs(work) for part in parts)
+    works = [DriveWork(name, recovered=1.0).evaluate(response) for name in ("pin", "held")]
+    assert sum(works) == pytest.approx(both.evaluate(response), rel=1e-12)
+    assert all(abs(part) > 0.05 * abs(work) for part in works)
 
 
 def test_a_body_at_rest_takes_no_power() -> None:

@@ -97,20 +97,22 @@ def response(name: str, step: float) -> ffr.Response:
 
 @pytest.mark.parametrize("name", list(OBJECTIVES))
 def test_taylor_order_through_the_mechanical_chain(name: str) -> None:
-    which, objective = OBJECTIVES[name]
-    scene = SCENES[which]
+    objective_scene, objective = OBJECTIVES[name]
+    scene = SCENES[objective_scene]
     problem = ffr.MechanicalProblem(scene.mechanism, scene.integrator, objective)
     gradient = problem.gradient(scene.bodies).integrals_gradient
     assert gradient is not None
     assert list(gradient) == list(scene.bodies)
 
     def psi(step: float) -> float:
-        return problem.evaluated(response(which, float(step))).psi
+        return problem.evaluated(response(objective_scene, float(step))).psi
 
-    result = check_slope(psi, dot(gradient, DIRECTIONS[which]), STEP[which], points=4)
+    result = check_slope(
+        psi, dot(gradient, DIRECTIONS[objective_scene]), STEP[objective_scene], points=4
+    )
     if name != "mass":  # the test must be able to see a wrong derivative
         assert result.remainders[0] < 0.5 * result.differences[0]
-    assert result.slope == pytest.approx(difference(psi, 0.3 * STEP[which]), rel=1e-6)
+    assert result.slope == pytest.approx(difference(psi, 0.3 * STEP[objective_scene]), rel=1e-6)
 
 
 #: A motion, its bodies, and both as objectives take them
@@ -291,11 +293,13 @@ def test_forces_on_the_frame_add_up_as_vectors() -> None:
         joints.append(ffr.PrescribedAngle((name, "hub"), turn))
     mechanism = ffr.Mechanism({"one": ffr.Placement(), "two": ffr.Placement()}, joints)
     response = ffr.Response(simulate(mechanism, bodies, ffr.GeneralizedAlpha(0.5, 400)), bodies)
-    each = 2.0 * 0.25 * (4.0 * np.pi) ** 2
+    square_of_spin = 2.0 * 0.25 * (4.0 * np.pi) ** 2
     force = ffr.JointForce(("bearing one", "bearing two"))
-    assert force.evaluate(response) == pytest.approx(np.sqrt(2.0) * each, rel=1e-8)
-    assert force.largest(response) == pytest.approx(2.0 * each, rel=1e-8)
-    assert ffr.JointForce(("bearing two",)).evaluate(response) == pytest.approx(each, rel=1e-8)
+    assert force.evaluate(response) == pytest.approx(np.sqrt(2.0) * square_of_spin, rel=1e-8)
+    assert force.largest(response) == pytest.approx(2.0 * square_of_spin, rel=1e-8)
+    assert ffr.JointForce(("bearing two",)).evaluate(response) == pytest.approx(
+        square_of_spin, rel=1e-8
+    )
 
 
 def test_acceleration_is_the_second_derivative_of_the_path(motion: Moved) -> None:

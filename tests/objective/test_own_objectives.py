@@ -73,12 +73,14 @@ PLACES = pytest.mark.parametrize(
 def test_values_that_are_no_numbers(comm: MPI.Intracomm, value: Any, as_constraint: bool) -> None:
     """No design loop takes them for a design that fulfils its constraints."""
     problem, x = problem_of(comm, Own(comm, value=value), as_constraint)
-    said = "constraint 'bound': the value of Own must" if as_constraint else "the value of Own must"
-    with pytest.raises((TypeError, ValueError), match=said):
+    message = (
+        "constraint 'bound': the value of Own must" if as_constraint else "the value of Own must"
+    )
+    with pytest.raises((TypeError, ValueError), match=message):
         problem.value(x)
     if value is NO_NUMBERS[0]:
         design = ffr.DensityDesign(problem.flexible["rod"].domain)
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             ffr.optimize(problem, design, iterations=2, progress=False)
 
 
@@ -202,8 +204,8 @@ class OfAnother:
         self.values = values
 
     def __call__(self, problem: ffr.Problem, evaluation: ffr.Evaluation, *rest: Any) -> Any:
-        found, reports = ffr.ExactAdjoint()(problem, evaluation, *rest)
-        return replace(found, gradient=self.values(found.gradient)), reports
+        derivatives, reports = ffr.ExactAdjoint()(problem, evaluation, *rest)
+        return replace(derivatives, gradient=self.values(derivatives.gradient)), reports
 
 
 @pytest.mark.parametrize(
@@ -244,10 +246,10 @@ class Way(ffr.Objective):
         bars = [np.zeros_like(part) for part in self.vectors(response.trajectory)]
         bars[0][-1, 1], bars[1][-1, 0], bars[2][-1, 1] = 1.0, 0.1, 1e-4
         names = ("position", "velocity", "acceleration")
-        found = marker_derivatives(
+        derivatives = marker_derivatives(
             response, "rod", self.marker, **dict(zip(names, bars, strict=True))
         )
-        return found if self.whole else replace(found, integrals={})
+        return derivatives if self.whole else replace(derivatives, integrals={})
 
 
 def with_objective(problem: ffr.Problem, objective: ffr.Objective) -> ffr.Problem:
@@ -264,8 +266,10 @@ def test_own_objectives_of_a_marker(comm: MPI.Intracomm) -> None:
         with pytest.raises(ValueError, match="the derivatives of Way by the integrals of 'rod' do"):
             lacking.gradient(x)
     # at an interface, which the density does not move in the body, nothing is lacking
-    alike = [with_objective(problem, Way("right", whole=w)).gradient(x) for w in (True, False)]
-    one, two = (evaluation.gradient["rod"] for evaluation in alike if evaluation.gradient)
+    evaluations = [
+        with_objective(problem, Way("right", whole=w)).gradient(x) for w in (True, False)
+    ]
+    one, two = (evaluation.gradient["rod"] for evaluation in evaluations if evaluation.gradient)
     np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-12 * np.abs(one).max(initial=0.0))
     response = problem.response(problem.value(x))
     with pytest.raises(ValueError, match=r"by the velocity must have shape \(201, 2\)"):

@@ -116,30 +116,30 @@ def test_the_mean_of_the_stress_that_is_reported(
 @pytest.mark.mpi
 def test_stress_clear_of_interfaces_and_in_ranges(comm: MPI.Intracomm) -> None:
     """What is beside an interface does not count, and the largest of the ranges is that of all."""
-    whole = ffr.PeakStress("rod")
-    problem = slider_crank(comm, whole, cell="triangle", order=2)
+    peak = ffr.PeakStress("rod")
+    problem = slider_crank(comm, peak, cell="triangle", order=2)
     x, direction = design(problem)
     evaluation = problem.value(x)
-    response, largest = problem.response(evaluation), whole.largest(problem.response(evaluation))
-    own: dict[str, Any] = {"relaxation": 0.5, "void": 0.0}
+    response, largest = problem.response(evaluation), peak.largest(problem.response(evaluation))
+    settings: dict[str, Any] = {"relaxation": 0.5, "void": 0.0}
     body = problem.flexible["rod"]
     every, kept = (
-        ffr.postprocessing.StressModes.of(body, evaluation.bodies["rod"], clear=clear, **own)
+        ffr.postprocessing.StressModes.of(body, evaluation.bodies["rod"], clear=clear, **settings)
         for clear in (0.0, 0.1)
     )
     beside = np.minimum(every.points[..., 0], 0.4 - every.points[..., 0]) < 0.1
     assert np.all(kept.values[beside] == 0.0)
     np.testing.assert_array_equal(kept.values[~beside], every.values[~beside])
     for clear in (0.0, 0.1, 0.19):
-        told = ffr.worst_stress(body, evaluation, "rod", clear=clear, **own).largest
-        assert replace(whole, clear=clear).largest(response) == pytest.approx(told, rel=1e-12)
-    assert replace(whole, clear=0.21).evaluate(response) == 0.0
-    ranges = whole.parts(response)
+        told = ffr.worst_stress(body, evaluation, "rod", clear=clear, **settings).largest
+        assert replace(peak, clear=clear).largest(response) == pytest.approx(told, rel=1e-12)
+    assert replace(peak, clear=0.21).evaluate(response) == 0.0
+    ranges = peak.parts(response)
     values = [part.evaluate(response) for part in ranges]
     assert len(values) == 3 and max(values) == pytest.approx(largest, rel=1e-12)
     for value, low, high in zip(values, stress.LEVELS, (0.9, 0.97, 1.0), strict=True):
         assert low * largest <= value <= high * largest * (1.0 + 1e-12)
-    limit = ffr.Constraint(whole, upper=1e6, name="limit").parts(response)
+    limit = ffr.Constraint(peak, upper=1e6, name="limit").parts(response)
     assert [part.label for part in limit] == [f"limit, part {k}" for k in (1, 2, 3)]
     middle = slider_crank(comm, ranges[1], cell="triangle", order=2)
     check_gradient(middle, {"rod": x}, {"rod": direction}, step=2e-3, rel=1e-5)
@@ -148,31 +148,31 @@ def test_stress_clear_of_interfaces_and_in_ranges(comm: MPI.Intracomm) -> None:
 @pytest.mark.mpi
 def test_places_fill_the_body(comm: MPI.Intracomm) -> None:
     """The largest stress of all is that of the worst place; on another design they are as well."""
-    whole = ffr.PeakStress("rod")
-    problem = slider_crank(comm, whole)
+    peak = ffr.PeakStress("rod")
+    problem = slider_crank(comm, peak)
     x, direction = design(problem)
     response = problem.response(problem.value(x))
-    places = whole.places(response)
+    places = peak.places(response)
     assert len(places) == stress.PLACES
-    one = slider_crank(comm, places[2])
-    check_gradient(one, {"rod": x}, {"rod": direction}, step=2e-3, rel=1e-5)
+    problem_here = slider_crank(comm, places[2])
+    check_gradient(problem_here, {"rod": x}, {"rod": direction}, step=2e-3, rel=1e-5)
     values = [place.evaluate(response) for place in places]
-    assert max(values) == pytest.approx(whole.largest(response), rel=1e-12)
+    assert max(values) == pytest.approx(peak.largest(response), rel=1e-12)
 
     # each value is scale * mean; the powers of the means add up to that of all
-    powers = [(v / place.scale) ** whole.power for v, place in zip(values, places, strict=True)]
-    assert sum(powers) == pytest.approx(whole.evaluate(response) ** whole.power, rel=1e-10)
+    powers = [(v / place.scale) ** peak.power for v, place in zip(values, places, strict=True)]
+    assert sum(powers) == pytest.approx(peak.evaluate(response) ** peak.power, rel=1e-10)
     assert min(powers) > 0.0
     assert len(set(comm.allgather(tuple(place.box for place in places)))) == 1
 
-    limit = ffr.Constraint(whole, upper=1e6, name="limit")
+    limit = ffr.Constraint(peak, upper=1e6, name="limit")
     assert [each.label for each in limit.places(response)][:2] == [
         "limit, place 1",
         "limit, place 2",
     ]
     other = problem.response(problem.value(np.clip(x + 0.2 * direction, 0.1, 1.0)))
     again = max(place.calibrated(other).evaluate(other) for place in places)
-    assert again == pytest.approx(whole.largest(other), rel=1e-12)
+    assert again == pytest.approx(peak.largest(other), rel=1e-12)
 
 
 @pytest.mark.mpi
@@ -209,8 +209,8 @@ def test_instants_that_tell_of_others(comm: MPI.Intracomm, monkeypatch: pytest.M
         evaluation = problem.gradient(np.ones(len(design(problem)[0])))
         response = problem.response(evaluation)
         spans = objective._mean(response).spans
-        few = [len(each.shares) / (each.instants.stop - each.instants.start) for each in spans]
-        assert np.mean(few) < 0.6 if smooth > 0.0 else few == [1.0] * len(few)
+        thinned = [len(each.shares) / (each.instants.stop - each.instants.start) for each in spans]
+        assert np.mean(thinned) < 0.6 if smooth > 0.0 else thinned == [1.0] * len(thinned)
         found.append((evaluation.psi, objective.largest(response), evaluation.gradient["rod"]))  # type: ignore[index]
     (*of_few, slopes_of_few), (*of_all, slopes) = found
     assert of_few == pytest.approx(of_all, rel=1e-11)
@@ -348,9 +348,9 @@ def test_calibrated_at_a_design(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyP
     twice = calibrated.calibrated(again)[0].constraints[0].objective
     assert isinstance(twice, ffr.PeakStress)
     assert twice.scale == pytest.approx(largest / peak.evaluate(response), rel=1e-7)
-    near = calibrated.value(x + 1e-3 * direction)
-    top = peak.largest(calibrated.response(near))
-    assert near.constraints["stress"].value == pytest.approx(top, rel=1e-2)
+    moved = calibrated.value(x + 1e-3 * direction)
+    top = peak.largest(calibrated.response(moved))
+    assert moved.constraints["stress"].value == pytest.approx(top, rel=1e-2)
     # nothing to be done is nothing done
     plain = slider_crank(comm, ffr.IntegralCompliance() + ffr.Volume("rod"))
     value = plain.value(x)
@@ -363,8 +363,8 @@ def test_model_report_takes_the_stress_of_residual_modes() -> None:
     x, _ = design(problem)
     evaluation = problem.value(x)
     error = ffr.model_report(problem, evaluation).modes_error
-    more = problem.with_modes({"rod": 20}).value(x)
-    assert error == pytest.approx(abs(evaluation.psi / more.psi - 1.0), rel=0.2)
+    with_more_modes = problem.with_modes({"rod": 20}).value(x)
+    assert error == pytest.approx(abs(evaluation.psi / with_more_modes.psi - 1.0), rel=0.2)
 
 
 def test_what_is_refused() -> None:
@@ -399,8 +399,8 @@ def arm(comm: MPI.Intracomm, modes: int) -> ffr.Problem:
     """A short arm that is started askew about its end, and held there."""
     soft = ffr.Isotropic(young=2e8, poisson=0.3, density=1200.0)
     settings = {"solid_layers": 0, "frame": HELD, "modes": modes}
-    still, turn = ffr.Motion.constant(0.0), ffr.Motion.smooth_step(2.0, 0.1)
-    shaft = ffr.Moving(still, still, turn, z=still, axis=(0.2, 0.5, 1.0))
+    rest_motion, turn = ffr.Motion.constant(0.0), ffr.Motion.smooth_step(2.0, 0.1)
+    shaft = ffr.Moving(rest_motion, rest_motion, turn, z=rest_motion, axis=(0.2, 0.5, 1.0))
     mechanism = ffr.Mechanism(
         {"arm": ffr.Placement((0.0, 0.0, 0.0))},
         [ffr.Weld(("arm", "left"), shaft)],

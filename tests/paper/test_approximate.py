@@ -47,9 +47,9 @@ def approximate(
     """The gradient by a share of the elements, and its report."""
     elements = ffr.paper.GradientElements(share=share)
     method = ffr.paper.ApproximateGradient(elements, kernel, **options)
-    found, reports = method(problem, evaluation, distance, 0)
-    assert found.gradient is not None
-    return found.gradient["rod"], reports["rod"]
+    approximation, reports = method(problem, evaluation, distance, 0)
+    assert approximation.gradient is not None
+    return approximation.gradient["rod"], reports["rod"]
 
 
 def assert_exact(
@@ -67,8 +67,8 @@ def assert_exact(
 def test_all_elements_selected_is_exact(comm: MPI.Comm) -> None:
     """Nothing is left to interpolate: the exact gradient, and errors of zero."""
     problem, evaluation, distance = holed(comm)
-    found, report = approximate(problem, evaluation, distance, share=1.0)
-    assert_exact(problem, evaluation, found, problem.flexible["rod"].domain.design_cells)
+    approximation, report = approximate(problem, evaluation, distance, share=1.0)
+    assert_exact(problem, evaluation, approximation, problem.flexible["rod"].domain.design_cells)
     assert report.share == 1.0 and report.estimate == 0.0
 
 
@@ -84,9 +84,9 @@ def test_more_elements_less_error(comm: MPI.Comm, kernel: ffr.rbf.Kernel) -> Non
     errors = []
     for share in (0.1, 0.2, 0.6):
         options = {"kernel": kernel, "degree": 1, "compare_every": 1}
-        found, report = approximate(*scene, share=share, **options)
+        approximation, report = approximate(*scene, share=share, **options)
         assert report.errors is not None
-        assert_exact(*scene, found, report.selected)
+        assert_exact(*scene, approximation, report.selected)
         assert report.elements == comm.allreduce(int(np.count_nonzero(report.selected)))
         errors.append(report.errors.l2)
         assert report.errors.cosine > 1.0 - report.errors.l2
@@ -125,17 +125,17 @@ def test_errors_of_a_gradient(comm: MPI.Comm) -> None:
     """Closed forms: scaled, turned and locally wrong gradients."""
     domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(10, 4))
     exact = np.cos(20.0 * domain.centroids[:, 0])
-    every = np.ones(domain.n_cells, dtype=bool)
-    scaled = gradient_errors(domain, 1.1 * exact, exact, every)
+    all_cells = np.ones(domain.n_cells, dtype=bool)
+    scaled = gradient_errors(domain, 1.1 * exact, exact, all_cells)
     assert scaled.l2 == pytest.approx(0.1) and scaled.cosine == pytest.approx(1.0)
-    assert gradient_errors(domain, -exact, exact, every).cosine == pytest.approx(-1.0)
+    assert gradient_errors(domain, -exact, exact, all_cells).cosine == pytest.approx(-1.0)
     half = domain.centroids[:, 0] < 0.2
     wrong = np.where(half, exact, 0.0)
     assert gradient_errors(domain, wrong, exact, half).l2 == 0.0
     largest = comm.allreduce(np.abs(exact).max(initial=0.0), MPI.MAX)
     missed = comm.allreduce(np.abs(exact[~half]).max(initial=0.0), MPI.MAX)
-    assert gradient_errors(domain, wrong, exact, every).worst == pytest.approx(missed / largest)
-    assert np.isnan(gradient_errors(domain, exact, 0.0 * exact, every).l2)
+    assert gradient_errors(domain, wrong, exact, all_cells).worst == pytest.approx(missed / largest)
+    assert np.isnan(gradient_errors(domain, exact, 0.0 * exact, all_cells).l2)
 
 
 def test_length_chosen_by_leaving_out(comm: MPI.Comm) -> None:
@@ -172,13 +172,13 @@ def test_design_loop_with_each_gradient(comm: MPI.Comm) -> None:
     exact = run(None)
     assert "gradient_estimate" not in exact.history
     elements = ffr.paper.GradientElements(share=0.4)
-    near = run(ffr.paper.ApproximateGradient(elements, ffr.ThinPlate(), compare_every=2))
-    history = near.history
+    near_run = run(ffr.paper.ApproximateGradient(elements, ffr.ThinPlate(), compare_every=2))
+    history = near_run.history
     domain = exact.designs["rod"].domain
     designed = comm.allreduce(int(np.count_nonzero(domain.design_cells)))
     assert np.all(history["gradient_elements"] < 0.5 * designed)
     assert np.all(history["gradient_estimate"] > 0.0)
-    kept = history["accepted"] > 0
+    accepted = history["accepted"] > 0
     measured = np.isfinite(history["gradient_error"]) & np.isfinite(history["band_error"])
-    assert np.all(measured[kept & (history["iteration"] % 2 == 0)])
+    assert np.all(measured[accepted & (history["iteration"] % 2 == 0)])
     assert history["psi"][-1] < history["psi"][0]

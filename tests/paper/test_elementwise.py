@@ -49,12 +49,12 @@ def test_every_element(comm: MPI.Comm, cell: str, order: int, solver: ffr.paper.
     x = 0.55 + 0.4 * np.sin(130 * c[:, 0]) * np.cos(210 * c[:, 1] + 0.3)
     evaluation = problem.gradient(x)
     assert evaluation.gradient is not None
-    found = elementwise_gradient(problem, evaluation, solver=solver, batch=50, progress=False)
-    agree(found["rod"].values, evaluation.gradient["rod"], comm)
-    assert found["rod"].count == domain.n_cells_global
+    derivatives = elementwise_gradient(problem, evaluation, solver=solver, batch=50, progress=False)
+    agree(derivatives["rod"].values, evaluation.gradient["rod"], comm)
+    assert derivatives["rod"].count == domain.n_cells_global
     # the interfaces do not depend on the design, and the rod has no other markers
-    assert not np.any(found["rod"].kinematics)
-    assert np.any(found["rod"].objective) and np.any(found["rod"].motion)
+    assert not np.any(derivatives["rod"].kinematics)
+    assert np.any(derivatives["rod"].objective) and np.any(derivatives["rod"].motion)
 
 
 @pytest.mark.mpi
@@ -103,8 +103,8 @@ def test_close_eigenvalues(comm: MPI.Comm, difference: float, solver: ffr.paper.
     # the compliance under a load by acceleration depends on the span of the modes alone
     _, bar = compliance(reduced)
     exact = body.pullback(reduced, bar).density
-    found = integral_derivatives(body, reduced, solver=solver)
-    agree(found.through_integrals(bar), exact, comm)
+    derivatives = integral_derivatives(body, reduced, solver=solver)
+    agree(derivatives.through_integrals(bar), exact, comm)
 
 
 @pytest.mark.mpi

@@ -65,9 +65,9 @@ def test_leave_one_out_errors_are_those_of_refitting(kernel: Kernel, degree: int
     values = np.random.default_rng(2).standard_normal(45)
     errors = ScatteredInterpolation(points, kernel, degree=degree).leave_one_out(values)
     for i in range(45):
-        rest = np.arange(45) != i
-        other = ScatteredInterpolation(points[rest], kernel, degree=degree)
-        expected = values[i] - other(values[rest], points[i : i + 1])[0]
+        others_of_points = np.arange(45) != i
+        interpolation = ScatteredInterpolation(points[others_of_points], kernel, degree=degree)
+        expected = values[i] - interpolation(values[others_of_points], points[i : i + 1])[0]
         assert errors[i] == pytest.approx(expected, rel=1e-6, abs=1e-7)
 
 
@@ -91,8 +91,8 @@ def test_a_smooth_field_is_met_ever_better(kernel: Kernel, order: float) -> None
     errors = []
     for n in counts:
         points = scattered(n)
-        found = ScatteredInterpolation(points, kernel, degree=1)(smooth(points), queries)
-        errors.append(math.sqrt(np.mean((found - smooth(queries)) ** 2)))
+        interpolated = ScatteredInterpolation(points, kernel, degree=1)(smooth(points), queries)
+        errors.append(math.sqrt(np.mean((interpolated - smooth(queries)) ** 2)))
     assert convergence_order([n**-0.5 for n in counts], errors) > order
     assert errors[-1] < 2e-3
 
@@ -134,8 +134,8 @@ def test_best_length_is_where_the_leave_one_out_error_is_smallest() -> None:
         interpolation = ScatteredInterpolation(points, Gaussian(length))
         return float(np.sqrt(np.mean(interpolation.leave_one_out(values) ** 2)))
 
-    found = best_length(Gaussian, points, values, bounds=(0.04, 0.25))
-    assert size(found) <= 1.001 * min(size(length) for length in np.geomspace(0.04, 0.25, 25))
+    best = best_length(Gaussian, points, values, bounds=(0.04, 0.25))
+    assert size(best) <= 1.001 * min(size(length) for length in np.geomspace(0.04, 0.25, 25))
 
 
 @pytest.mark.parametrize(

@@ -83,10 +83,10 @@ def test_ranks_do_not_matter(comm: MPI.Comm, kind: str, elements: GradientElemen
 @pytest.mark.parametrize("kind", ["quadrilateral", "triangle"])
 def test_band_is_all_designed_cells_near_the_boundary(comm: MPI.Comm, kind: str) -> None:
     domain = rod(comm, kind)
-    near = (np.abs(circle(domain)) < 0.012) & domain.design_cells
+    at_circle = (np.abs(circle(domain)) < 0.012) & domain.design_cells
     for distance in (circle(domain), np.abs(circle(domain))):
         selected = GradientElements(band=0.012).select(domain, distance)
-        np.testing.assert_array_equal(selected, near)
+        np.testing.assert_array_equal(selected, at_circle)
 
 
 def test_grid_takes_the_cells_around_its_points(comm: MPI.Comm) -> None:
@@ -103,25 +103,25 @@ def test_grid_takes_the_cells_around_its_points(comm: MPI.Comm) -> None:
 def test_ties_are_broken_alike_on_both_sides_of_the_axis(comm: MPI.Comm) -> None:
     """Grid points on vertices of the mesh, four cells equally near."""
     domain = rod(comm, n=8, solid=0)
-    found = gathered(domain, GradientElements(grid=0.02).select(domain))
-    assert len(found) == 80
-    assert_same_points(found, found * [1.0, -1.0])
-    assert_same_points(found, [LENGTH, 0.0] + found * [-1.0, 1.0])
+    selected = gathered(domain, GradientElements(grid=0.02).select(domain))
+    assert len(selected) == 80
+    assert_same_points(selected, selected * [1.0, -1.0])
+    assert_same_points(selected, [LENGTH, 0.0] + selected * [-1.0, 1.0])
 
 
 def test_holes_of_the_body_have_no_grid(comm: MPI.Comm) -> None:
     """Points far within the hole and beyond the edge take no cell."""
     domain = hook(comm)
-    found = gathered(domain, GradientElements(grid=0.008).select(domain))
+    selected = gathered(domain, GradientElements(grid=0.008).select(domain))
     size = math.sqrt(domain.area / domain.n_cells_global)
     x, y = np.meshgrid(0.004 + 0.008 * np.arange(50), -0.036 + 0.008 * np.arange(10))
     grid = np.column_stack([x.ravel(), y.ravel()])
     hole = np.hypot(grid[:, 0] - 0.25, grid[:, 1]) < 0.02
     notch = (np.abs(grid[:, 0] - 0.125) < 0.025) & (grid[:, 1] > 0.0)
     inside = np.count_nonzero(~hole & ~notch)
-    assert 0.6 * inside < len(found) <= inside + np.count_nonzero(hole | notch)
+    assert 0.6 * inside < len(selected) <= inside + np.count_nonzero(hole | notch)
     # every point in the body has a selected cell nearby
-    assert np.max(cKDTree(found).query(grid[~hole & ~notch])[0]) < 2.0 * size
+    assert np.max(cKDTree(selected).query(grid[~hole & ~notch])[0]) < 2.0 * size
 
 
 @pytest.mark.parametrize("kind", ["quadrilateral", "triangle", "gmsh"])
@@ -129,7 +129,7 @@ def test_holes_of_the_body_have_no_grid(comm: MPI.Comm) -> None:
 def test_share_is_reached(comm: MPI.Comm, kind: str, share: float) -> None:
     """By the cells nearest to the boundary; more only where the last of them are equally far."""
     domain = body(comm, kind)
-    design, near = domain.design_cells, np.abs(circle(domain))
+    design, at_circle = domain.design_cells, np.abs(circle(domain))
     designed = domain.sum(design.astype(float))
     area = domain.sum(domain.cell_volumes * design)
     default = math.sqrt(area / (0.25 * share * designed))
@@ -137,9 +137,9 @@ def test_share_is_reached(comm: MPI.Comm, kind: str, share: float) -> None:
         selected = GradientElements(grid=given, share=share).select(domain, circle(domain))
         grid = GradientElements(grid=spacing).select(domain)
         assert np.all(selected[grid])
-        band = comm.allreduce(float(np.max(near[selected & ~grid], initial=0.0)), MPI.MAX)
-        assert np.all(near[design & ~selected] > band)
-        closer = grid | (design & (near < band - 1e-9))
+        band = comm.allreduce(float(np.max(at_circle[selected & ~grid], initial=0.0)), MPI.MAX)
+        assert np.all(at_circle[design & ~selected] > band)
+        closer = grid | (design & (at_circle < band - 1e-9))
         target = round(share * designed)
         assert domain.sum(closer.astype(float)) < target <= domain.sum(selected.astype(float))
 
@@ -149,9 +149,11 @@ def test_without_a_boundary_the_share_goes_to_the_grid(comm: MPI.Comm) -> None:
     designed = domain.sum(domain.design_cells.astype(float))
     nowhere = np.full(domain.n_cells, np.inf)
     for share in (0.1, 0.35, 0.6):
-        found = GradientElements(share=share).select(domain)
-        assert domain.sum(found.astype(float)) / designed == pytest.approx(share, rel=0.15)
-        np.testing.assert_array_equal(GradientElements(share=share).select(domain, nowhere), found)
+        selected = GradientElements(share=share).select(domain)
+        assert domain.sum(selected.astype(float)) / designed == pytest.approx(share, rel=0.15)
+        np.testing.assert_array_equal(
+            GradientElements(share=share).select(domain, nowhere), selected
+        )
     everything = GradientElements(share=1.0).select(domain)
     np.testing.assert_array_equal(everything, domain.design_cells)
     both, only = GradientElements(grid=0.02, band=0.01), GradientElements(grid=0.02)
@@ -183,8 +185,8 @@ def test_mesh_does_not_matter(comm: MPI.Comm, kind: str) -> None:
 
 def test_a_rank_may_have_no_cells(comm: MPI.Comm) -> None:
     corners = [np.zeros(2), np.array([2.0, 1.0])]
-    two = mesh.create_rectangle(comm, corners, [2, 1], mesh.CellType.quadrilateral)
-    domain = Domain(two, {"left": lambda x: x[0] < 1e-9})
+    two_cells = mesh.create_rectangle(comm, corners, [2, 1], mesh.CellType.quadrilateral)
+    domain = Domain(two_cells, {"left": lambda x: x[0] < 1e-9})
     assert len(gathered(domain, GradientElements(grid=1.0).select(domain))) == 2
     selected = GradientElements(share=0.5).select(domain, domain.centroids[:, 0])
     np.testing.assert_allclose(gathered(domain, selected), [[0.5, 0.5]], atol=1e-12)

@@ -30,8 +30,8 @@ def rounds(*holes: tuple[float, float, float]) -> Callable[[np.ndarray], np.ndar
     """A field that is zero on ellipses, twice as long as high, of centres and half heights [m]."""
 
     def field(p: np.ndarray) -> np.ndarray:
-        each = [np.hypot((p[:, 0] - x) / 2.0, p[:, 1] - y) - r for x, y, r in holes]
-        return np.min(each, axis=0)
+        holes_of_part = [np.hypot((p[:, 0] - x) / 2.0, p[:, 1] - y) - r for x, y, r in holes]
+        return np.min(holes_of_part, axis=0)
 
     return field
 
@@ -91,8 +91,8 @@ def link() -> ffr.Part:
 
 @pytest.fixture(scope="module", params=[rod, connecting_rod, outline, link])
 def part(request: pytest.FixtureRequest) -> ffr.Part:
-    made: ffr.Part = request.param()
-    return made
+    part_of_test: ffr.Part = request.param()
+    return part_of_test
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_outlines_can_be_offset(cad: Any) -> None:
     assert np.all(np.min(speed, axis=1) > 0.1 * np.max(speed, axis=1))
 
     tangents = slopes / speed[:, :, None]
-    ends, along = (each[:, [0, -1]].reshape(-1, 2) for each in (points, tangents))
+    ends, along = (holes_of_part[:, [0, -1]].reshape(-1, 2) for holes_of_part in (points, tangents))
     joins = cKDTree(ends).query_pairs(1e-6, output_type="ndarray")
     assert sorted(joins.ravel()) == list(range(len(ends)))
 

@@ -35,8 +35,8 @@ def whole(comm: MPI.Comm, dimension: int, material: Any = None) -> ffr.Part | ff
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_volume_and_mass(comm: MPI.Comm, dimension: int) -> None:
     """Of a plate and of a block, both of 16 litres."""
-    given = (1.0, 0.3, 500.0)
-    material = {2: ffr.PlaneStress(*given, 0.1), 3: ffr.Isotropic(*given)}[dimension]
+    densities = (1.0, 0.3, 500.0)
+    material = {2: ffr.PlaneStress(*densities, 0.1), 3: ffr.Isotropic(*densities)}[dimension]
     part = whole(comm, dimension, material)
     assert isinstance(part, ffr.part.Enclosed)
     assert part.volume == pytest.approx(0.016, rel=1e-12)

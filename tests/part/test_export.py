@@ -175,8 +175,8 @@ def test_what_cannot_be_written(comm: MPI.Comm, tmp_path: Path) -> None:
 def test_round_trip(part: ffr.Part, tmp_path: Path) -> None:
     """A part that was written is a body to design again, with its interfaces by name."""
     (path,) = part.write(tmp_path / "rod.dxf")
-    held = {"left": "left", "right": "right"}
-    body = ffr.Domain.from_outline(MPI.COMM_SELF, path, interfaces=held, size=0.004, order=2)
+    interfaces = {"left": "left", "right": "right"}
+    body = ffr.Domain.from_outline(MPI.COMM_SELF, path, interfaces=interfaces, size=0.004, order=2)
     assert body.area == pytest.approx(part.area, rel=1e-6)
     for name, interface in body.interfaces.items():
         center = part.body.interfaces[name].center

@@ -150,10 +150,10 @@ def test_boundary_ends_on_arcs(comm: MPI.Comm) -> None:
 
 def test_void_cells_are_never_material(comm: MPI.Comm) -> None:
     x0, x1 = 0.1 - 1e-9, 0.2 + 1e-9
-    given = rod(comm)
+    domain = rod(comm)
     body = ffr.Domain(
-        given.mesh,
-        {name: part.facets for name, part in given.interfaces.items()},
+        domain.mesh,
+        {name: part.facets for name, part in domain.interfaces.items()},
         void=lambda x: (x[0] > x0) & (x[0] < x1) & (np.abs(x[1]) < 0.01 + 1e-9),
     )
     part = ffr.Part(body, lambda p: np.ones(len(p)))
@@ -168,9 +168,9 @@ def test_islands_are_left_out(comm: MPI.Comm) -> None:
     field = frame(0.008)
     with pytest.warns(ffr.PartWarning, match=r"1 loose pieces touch no interface.*50\.3 mm2 near"):
         part = ffr.Part(rod(comm), lambda p: np.maximum(field(p), -island(p)), H)
-    whole = ffr.Part(rod(comm), field, H)
-    assert part.area == pytest.approx(whole.area, rel=1e-12)
-    assert (part.pieces, part.holes) == (whole.pieces, whole.holes)
+    uncut = ffr.Part(rod(comm), field, H)
+    assert part.area == pytest.approx(uncut.area, rel=1e-12)
+    assert (part.pieces, part.holes) == (uncut.pieces, uncut.holes)
     (loose,) = part.loose
     assert loose.area == pytest.approx(np.pi * 0.004**2, rel=1e-4)
     np.testing.assert_allclose(loose.center, [0.25, 0.0], atol=1e-7)
@@ -284,8 +284,8 @@ def test_densities(comm: MPI.Comm) -> None:
     x = np.where(body.design_cells, np.where(np.abs(y) < 0.01, 1.0, 0.0), 1.0)
     part = ffr.Part(body, ffr.density_field(body, x))
     # inner corners at the solid ends are rounded by less than two elements
-    more = part.area - (0.38 * 0.02 + 0.02 * 0.04)
-    assert 0.0 < more < 4 * (1 - np.pi / 4) * (2 * H) ** 2
+    excess = part.area - (0.38 * 0.02 + 0.02 * 0.04)
+    assert 0.0 < excess < 4 * (1 - np.pi / 4) * (2 * H) ** 2
     points = np.vstack([curve.points(1e-4 * H) for curve in part.drawing.curves])
     middle = points[(points[:, 0] > 0.03) & (points[:, 0] < 0.37)]
     np.testing.assert_allclose(np.abs(middle[:, 1]), 0.01, atol=1e-3 * H)

@@ -135,9 +135,9 @@ def test_webs_that_there_cannot_be_are_refused() -> None:
         ffr.optimize(problem, design, optimizer=ffr.LevelSetEvolution())
     rod = problem.flexible["rod"]
     strain = ffr.PlaneStrain(young=210e9, poisson=0.3, density=7850.0, thickness=0.01)
-    held = ffr.FlexibleBody(rod.domain, strain, frame=ffr.ChordFrame("left", "right"), modes=1)
+    strained = ffr.FlexibleBody(rod.domain, strain, frame=ffr.ChordFrame("left", "right"), modes=1)
     with pytest.raises(ValueError, match="for plane stress"):
-        ffr.optimize(problem.with_bodies({"rod": held}), design)
+        ffr.optimize(problem.with_bodies({"rod": strained}), design)
     stressed = with_stress_limit(problem, relaxation=0.5)
     with pytest.raises(ValueError, match="give it relaxation=0"):
         ffr.optimize(stressed, design)
@@ -246,6 +246,6 @@ def test_the_solid_in_space_is_what_two_thicknesses_stand_for(part: ffr.Part) ->
     np.testing.assert_allclose([low[2], high[2]], [-5e-3, 5e-3])
     steel = ffr.Isotropic(STEEL.young, STEEL.poisson, STEEL.density)
     body = ffr.FlexibleBody(solid, steel, frame=frame, modes=5)
-    found = body.reduce(np.ones(solid.n_cells)).basis.frequencies
-    nearest = np.min(np.abs(found[:, None] / expected - 1.0), axis=0)
+    frequencies = body.reduce(np.ones(solid.n_cells)).basis.frequencies
+    nearest = np.min(np.abs(frequencies[:, None] / expected - 1.0), axis=0)
     assert np.max(nearest) < 0.02

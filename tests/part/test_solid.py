@@ -41,7 +41,7 @@ def faults(triangles: np.ndarray) -> int:
     The triangles of a fan follow each other in one direction: all are turned alike.
     """
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    found = int(np.count_nonzero(np.unique(sides, axis=0, return_counts=True)[1] != 2))
+    faults = int(np.count_nonzero(np.unique(sides, axis=0, return_counts=True)[1] != 2))
     around: dict[int, dict[int, int]] = {}
     for triangle in triangles.tolist():
         for i in range(3):
@@ -53,8 +53,8 @@ def faults(triangles: np.ndarray) -> int:
             here, steps = follows.get(here, -1), steps + 1
             if here in (first, -1):
                 break
-        found += steps != len(follows) or here != first
-    return found
+        faults += steps != len(follows) or here != first
+    return faults
 
 
 def full(x: np.ndarray) -> np.ndarray:
@@ -127,8 +127,8 @@ def test_thinnest_member_and_narrowest_gap(
     """Flat ones are exact, as the surface is."""
     domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=(16, 8, 8), solid_layers=0)
     solid = Solid(domain, field)
-    found = solid.thinnest_member, solid.narrowest_gap
-    for width, exact in zip(found, (member, gap), strict=True):
+    measured = solid.thinnest_member, solid.narrowest_gap
+    for width, exact in zip(measured, (member, gap), strict=True):
         assert (width is None) == (exact is None)
         if width is not None:
             assert width.value == pytest.approx(exact, rel=1e-9)
@@ -154,9 +154,9 @@ def test_posts_are_members_and_rims_are_none(
 ) -> None:
     """No side of the post is opposite of another; the window has rims thinner than its plate."""
     domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=(16, 8, 8), solid_layers=0)
-    found = Solid(domain, field).thinnest_member
-    assert (found is None) == (member is None)
-    assert found is None or found.value == pytest.approx(member, rel=0.05)
+    measured = Solid(domain, field).thinnest_member
+    assert (measured is None) == (member is None)
+    assert measured is None or measured.value == pytest.approx(member, rel=0.05)
 
 
 def test_gap_between_two_edges(comm: MPI.Comm) -> None:
@@ -165,9 +165,9 @@ def test_gap_between_two_edges(comm: MPI.Comm) -> None:
     points = np.concatenate([block.points for block in blocks])
     faces = [block.faces.reshape(-1, 4)[:, 1:] for block in blocks]
     triangles = np.concatenate([faces[0], faces[1] + len(blocks[0].points)])
-    found = ball_widths.surface_balls(points, triangles, 0.05, around=True).thinnest()
-    assert found is not None
-    assert found.value == pytest.approx(0.4 * np.sqrt(2.0), abs=0.125)
+    measured = ball_widths.surface_balls(points, triangles, 0.05, around=True).thinnest()
+    assert measured is not None
+    assert measured.value == pytest.approx(0.4 * np.sqrt(2.0), abs=0.125)
 
 
 @pytest.mark.parametrize("finer", [0, 1, 3])
@@ -204,8 +204,8 @@ def test_long_cells_are_cut_along_their_length(comm: MPI.Comm, turned: bool) -> 
     cells = np.array([[0, 1, 3, 4, 6, 7, 9, 10], [1, 2, 4, 5, 7, 8, 10, 11]])
     if turned:
         cells[1] = cells[1][[0, 2, 4, 6, 1, 3, 5, 7]]
-    own = cells if comm.rank == 0 else cells[:0]
-    mesh = _compat.create_mesh(comm, own, points, "hexahedron", 1)
+    own_cells = cells if comm.rank == 0 else cells[:0]
+    mesh = _compat.create_mesh(comm, own_cells, points, "hexahedron", 1)
     domain = ffr.Domain(mesh, {"left": lambda x: x[2] < -0.5 + 1e-9})
     expected = 3 * [3.0 ** (1.0 / 3.0)] if turned else [3.0, 1.0, 1.0]
     np.testing.assert_allclose(domain.cell_edges, expected, rtol=1e-12)
@@ -252,28 +252,28 @@ def test_psi_of_a_mesh_of_its_own(comm: MPI.Comm) -> None:
         scene = spatial_problem(of, domain=domain, modes=4, steps=240)
         rod = scene.flexible["rod"].with_interpolation(ffr.SIMP(floor=1e-9))
         limit = ffr.Constraint(ffr.PeakStress("rod"), upper=1e12, name="stress")
-        parts = scene.mechanism, scene.integrator, scene.objective, [limit]
-        problem = ffr.Problem({"rod": rod}, *parts)
+        arguments = scene.mechanism, scene.integrator, scene.objective, [limit]
+        problem = ffr.Problem({"rod": rod}, *arguments)
 
         def half(x: np.ndarray) -> np.ndarray:
             return 0.25 * SECTION[1] - np.abs(x[:, 2])
 
         full_cells = domain.solid_cells | (half(domain.centroids) > 0.0)
         solid = Solid(domain, half, material=rod.material)
-        found = solid.verify(problem, problem.value(1.0 * full_cells), tolerance=0.05)
-        last = found.fitted[-1]
-        assert last.bodies["rod"].mass == pytest.approx(solid.mass, rel=1e-9)
+        verification = solid.verify(problem, problem.value(1.0 * full_cells), tolerance=0.05)
+        finest = verification.fitted[-1]
+        assert finest.bodies["rod"].mass == pytest.approx(solid.mass, rel=1e-9)
         # what is held against the limit is the largest stress of the solid itself
-        assert last.constraints["stress"] == pytest.approx(last.bodies["rod"].stress, rel=1e-9)
-        return found
+        assert finest.constraints["stress"] == pytest.approx(finest.bodies["rod"].stress, rel=1e-9)
+        return verification
 
-    found = verified(comm)
-    assert found.difference == pytest.approx(0.0, abs=0.01)
-    assert "tetrahedra, 4 modes" in str(found)
-    assert found.record()["part_pieces"] == 1
-    assert "part_holes" not in found.record()
+    verification = verified(comm)
+    assert verification.difference == pytest.approx(0.0, abs=0.01)
+    assert "tetrahedra, 4 modes" in str(verification)
+    assert verification.record()["part_pieces"] == 1
+    assert "part_holes" not in verification.record()
     if comm.size > 1:
-        assert found.psi == pytest.approx(verified(MPI.COMM_SELF).psi, rel=1e-8)
+        assert verification.psi == pytest.approx(verified(MPI.COMM_SELF).psi, rel=1e-8)
 
 
 def test_refusals(comm: MPI.Comm) -> None:
@@ -285,11 +285,11 @@ def test_refusals(comm: MPI.Comm) -> None:
         Solid(free, lambda x: 0.1 - np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1))
     with pytest.raises(ValueError, match=r"surface must lie between 0 and 0\.05, 0 excluded"):
         Solid(free, full, size=0.05, surface=0.1)
-    whole = Solid(free, full)
+    complete = Solid(free, full)
     with pytest.raises(ValueError, match="tetrahedra are more than the 8,000,000 that can be cut"):
-        whole.domain(1e-9)
+        complete.domain(1e-9)
     with pytest.raises(ValueError, match="or fewer meshes"):
-        whole.sizes(None, 200)
+        complete.sizes(None, 200)
     flat = ffr.Domain.rectangle(comm, 0.8, 0.2, elements=(8, 2))
     with pytest.raises(ValueError, match="the body is in the plane; Part"):
         Solid(flat, full)

@@ -82,25 +82,27 @@ def test_several_bodies_and_other_modes(comm: MPI.Comm, shared_tmp_path: Path) -
     """Two parts are verified together and exported; all ranks see the same numbers."""
     problem = four_bar(comm, ffr.IntegralCompliance())
     evaluation = problem.value(solid(problem))
-    parts = {name: part_of(problem, name=name) for name in problem.flexible}
+    part_by_name = {name: part_of(problem, name=name) for name in problem.flexible}
     with pytest.warns(ffr.PartWarning, match="% above what was reported"):
         verification = ffr.verify(
-            problem, parts, evaluation, modes={"coupler": 4}, most=3, tolerance=5e-3
+            problem, part_by_name, evaluation, modes={"coupler": 4}, most=3, tolerance=5e-3
         )
     assert verification.modes == {"coupler": 4, "rocker": 3}
     assert len(verification.fitted[-1].bodies["coupler"].frequencies) == 4
     # coarse cells of order 1 are stiffer than they should be
     assert 0.0 < verification.difference < 0.2
-    for name, part in parts.items():
+    for name, part in part_by_name.items():
         assert verification.fitted[-1].bodies[name].mass == pytest.approx(part.mass, rel=1e-9)
     assert len(set(comm.allgather(verification.psi))) == 1
-    own = verification.bodies["coupler"][1].integrals
+    integrals = verification.bodies["coupler"][1].integrals
     for name in ("coupler.SID_FEM", "coupler.npz"):
         verification.export(shared_tmp_path / name, "coupler")
         read = ffr.VolumeIntegrals.load(shared_tmp_path / name)
         assert read.dimension == (2 if name.endswith("npz") else 3)
-        np.testing.assert_allclose(read.G[1:, 1:], own.G[1:, 1:], atol=1e-12 * np.max(own.G))
-        np.testing.assert_allclose(read.K, own.K, rtol=1e-12)
+        np.testing.assert_allclose(
+            read.G[1:, 1:], integrals.G[1:, 1:], atol=1e-12 * np.max(integrals.G)
+        )
+        np.testing.assert_allclose(read.K, integrals.K, rtol=1e-12)
     with pytest.raises(ValueError, match="name = None, but the parts are"):
         verification.export(shared_tmp_path / "either.npz")
     with pytest.raises(OSError, match="nowhere"):
@@ -198,10 +200,10 @@ def test_memory_is_told_before_a_mesh_is_tried(
     # where the first mesh fits and the next does not, the first is told
     rooms = iter([2**50, 0])
     monkeypatch.setattr(flexible_body, "agreed_memory", lambda comm: next(rooms))
-    with pytest.warns(ffr.part.PartWarning, match="one mesh less") as told:
+    with pytest.warns(ffr.part.PartWarning, match="one mesh less") as caught:
         verification = part.verify(problem, evaluation)
     assert len(verification.fitted) == 1 and not verification.converged
-    assert not any("still changes by" in str(one.message) for one in told)
+    assert not any("still changes by" in str(one.message) for one in caught)
     assert (
         verification.fitted[0].bodies["rod"].stress > 0.0
         and "one mesh only" in verification.summary()
@@ -267,18 +269,20 @@ def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
         with pytest.warns(ffr.PartWarning) as warned:
             part = part_of(problem, strip)
             found = part.verify(problem, problem.value(x), most=2, tolerance=1e-12)
-        last = found.fitted[-1]
-        stress = last.bodies["rod"].stress
+        finest = found.fitted[-1]
+        stress = finest.bodies["rod"].stress
         assert stress is not None and stress > 1.3 * told
-        other = f"largest stress of 'rod' {told / 1e6:.4g} MPa, of the part {stress / 1e6:.4g} MPa"
-        assert other in found.differences and other in found.record()["part_differences"]
-        assert any(other in str(each.message) for each in warned)
+        message = (
+            f"largest stress of 'rod' {told / 1e6:.4g} MPa, of the part {stress / 1e6:.4g} MPa"
+        )
+        assert message in found.differences and message in found.record()["part_differences"]
+        assert any(message in str(each.message) for each in warned)
         assert found.reported.psi == pytest.approx(told, rel=1e-6)
         assert found.psi == pytest.approx(stress, rel=1e-9)
-        for name, value in last.constraints.items():
-            exact = stress if "stress" in name else 2.0 * stress + last.bodies["rod"].mass
+        for name, value in finest.constraints.items():
+            exact = stress if "stress" in name else 2.0 * stress + finest.bodies["rod"].mass
             assert value == pytest.approx(exact, rel=1e-9)
-            limit = problem.constraints[list(last.constraints).index(name)].bound
+            limit = problem.constraints[list(finest.constraints).index(name)].bound
             numbers = f"{found.reported.constraints[name]:.4g} of the design, {value:.4g} of "
             numbers += f"the part, at most {limit:.4g}"
             messages = [str(each.message) for each in warned if repr(name) in str(each.message)]
@@ -286,11 +290,11 @@ def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
             assert f"constraint {name}: " in found.summary()
             assert f"at most {limit:.4g}" in found.summary()
         assert found.record()["part_violations"] == pytest.approx(found.violations)
-        assert set(found.violations) == set(last.constraints)
+        assert set(found.violations) == set(finest.constraints)
         # bounds that are exceeded by less than they changed are not decided
         assert found.decided
-        near = dataclasses.replace(last, excesses=dict.fromkeys(last.excesses, 1e-3))
-        unsure = dataclasses.replace(found, fitted=[*found.fitted[:-1], near], tolerance=2e-3)
+        barely = dataclasses.replace(finest, excesses=dict.fromkeys(finest.excesses, 1e-3))
+        unsure = dataclasses.replace(found, fitted=[*found.fitted[:-1], barely], tolerance=2e-3)
         assert not unsure.decided
 
 
@@ -321,7 +325,7 @@ def test_bodies_whose_names_are_no_file_names(comm: MPI.Comm, shared_tmp_path: P
         ffr.DesignWarning, match="no part comes of the design of .*: verify: parts for"
     ):
         assert result.finish(folder) is None
-    places = {name: folder / own for name, own in file_names(names).items()}
+    places = {name: folder / file_name for name, file_name in file_names(names).items()}
     for place in places.values():
         part.write(place)
     comm.Barrier()
@@ -330,8 +334,8 @@ def test_bodies_whose_names_are_no_file_names(comm: MPI.Comm, shared_tmp_path: P
     )
     assert [p.name for p in shared_tmp_path.iterdir()] == ["folder"]
     record = {"volume": dict.fromkeys(names, 1.0)}
-    found = Folder(folder, record, {})
-    drawn = {found.drawing_of(name, alone=False) for name in names}
+    run_folder = Folder(folder, record, {})
+    drawn = {run_folder.drawing_of(name, alone=False) for name in names}
     assert drawn == {place / "part.svg" for place in places.values()}
 
 

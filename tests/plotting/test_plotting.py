@@ -144,10 +144,10 @@ def test_gathered_mesh_is_the_body(comm: MPI.Comm, cell: str, order: int) -> Non
     assert len(drawn.pieces) == domain.n_cells_global * order**2
     assert np.sum(areas) == pytest.approx(LENGTH * HEIGHT, rel=1e-12)
     middles = drawn.points[drawn.pieces].mean(axis=1)
-    own = np.zeros_like(centroids)
-    np.add.at(own, drawn.parents, middles * areas[:, None])
+    middles_of_parents = np.zeros_like(centroids)
+    np.add.at(middles_of_parents, drawn.parents, middles * areas[:, None])
     cell_area = np.bincount(drawn.parents, areas)
-    assert own / cell_area[:, None] == pytest.approx(centroids, abs=1e-13)
+    assert middles_of_parents / cell_area[:, None] == pytest.approx(centroids, abs=1e-13)
 
     def length(lines: NDArray[np.int64]) -> float:
         ends = drawn.points[lines]
@@ -206,8 +206,8 @@ def test_curved_cells_are_drawn_with_middle_nodes(comm: MPI.Comm, shared_tmp_pat
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_dark_share_of_a_design_is_its_volume(tmp_path: Path, cell: str) -> None:
     domain = rod(MPI.COMM_SELF, cell)
-    some = (np.random.default_rng(7).random(domain.n_cells) < 0.37).astype(float)
-    share = domain.sum(some * domain.cell_volumes) / domain.area
+    random_design = (np.random.default_rng(7).random(domain.n_cells) < 0.37).astype(float)
+    share = domain.sum(random_design * domain.cell_volumes) / domain.area
 
     def dark(x: NDArray[np.float64], name: str) -> int:
         path = plot_design(domain, x, tmp_path / f"{name}.png")
@@ -215,7 +215,7 @@ def test_dark_share_of_a_design_is_its_volume(tmp_path: Path, cell: str) -> None
 
     void = dark(np.zeros(domain.n_cells), "void")
     solid = dark(np.ones(domain.n_cells), "solid")
-    assert (dark(some, "some") - void) / (solid - void) == pytest.approx(share, abs=0.02)
+    assert (dark(random_design, "some") - void) / (solid - void) == pytest.approx(share, abs=0.02)
 
 
 def test_shade_is_the_density(tmp_path: Path) -> None:
@@ -261,9 +261,9 @@ def test_design_looks_the_same_on_any_number_of_ranks(
         domain = rod(over, "triangle", 2)
         return plot_design(domain, ladder(domain), path, title="Rod")
 
-    together = draw(comm, shared_tmp_path / "together.png")
-    assert together == shared_tmp_path / "together.png"
-    assert_same_picture(together, draw(MPI.COMM_SELF, tmp_path / "alone.png"))
+    on_all_ranks = draw(comm, shared_tmp_path / "together.png")
+    assert on_all_ranks == shared_tmp_path / "together.png"
+    assert_same_picture(on_all_ranks, draw(MPI.COMM_SELF, tmp_path / "alone.png"))
 
 
 def assert_same_picture(one: Path, other: Path, frame: int = 0) -> None:
@@ -389,8 +389,8 @@ def test_modes_do_not_depend_on_their_signs(solved: Solved, tmp_path: Path) -> N
         reduced.basis.shapes[:, 1::2] *= -1.0
     assert np.array_equal(a, b)
     # three static and six normal modes in three columns: something colourful in each of nine places
-    shown = colorful(a)[int(0.2 * a.shape[0]) :]
-    for band in np.array_split(shown, 3, axis=0):
+    colored = colorful(a)[int(0.2 * a.shape[0]) :]
+    for band in np.array_split(colored, 3, axis=0):
         for place in np.array_split(band, 3, axis=1):
             assert np.count_nonzero(place) > 1000
 
@@ -427,12 +427,17 @@ def test_magnified_deformation_leaves_the_joints_where_they_are(solved: Solved) 
 
 def test_magnified_deformation_does_not_depend_on_the_frame(solved: Solved) -> None:
     """Chord and tangent frame span the same deformations; the picture must be the same."""
-    other = solve(slider_crank(MPI.COMM_SELF, (40, 4), modes=6, frame=ffr.TangentFrame("left")))
-    a, b = gathered(solved, [60, 97]).bodies["rod"], gathered(other, [60, 97]).bodies["rod"]
+    in_tangent_frame = solve(
+        slider_crank(MPI.COMM_SELF, (40, 4), modes=6, frame=ffr.TangentFrame("left"))
+    )
+    a, b = (
+        gathered(solved, [60, 97]).bodies["rod"],
+        gathered(in_tangent_frame, [60, 97]).bodies["rod"],
+    )
     for i in range(2):
-        shown = 1000.0 * a.deflection(i)
+        colored = 1000.0 * a.deflection(i)
         away = np.max(np.abs(a.points(i, 1000.0) - b.points(i, 1000.0)))
-        assert away < 0.02 * shown
+        assert away < 0.02 * colored
 
 
 def test_crank_is_found_from_its_motion(solved: Solved) -> None:
@@ -522,11 +527,11 @@ def test_film_has_its_frames_and_shows_the_motion(solved: Solved, tmp_path: Path
 def test_modes_look_the_same_on_any_number_of_ranks(
     comm: MPI.Comm, solved: Solved, alone: Solved, shared_tmp_path: Path, tmp_path: Path
 ) -> None:
-    together, by_itself = (
+    on_all_ranks, by_itself = (
         plot_modes(case.body, case.evaluation.bodies["rod"], path)
         for case, path in ((solved, shared_tmp_path / "a.png"), (alone, tmp_path / "b.png"))
     )
-    assert_same_picture(together, by_itself)
+    assert_same_picture(on_all_ranks, by_itself)
 
 
 @pytest.mark.slow
@@ -534,12 +539,12 @@ def test_modes_look_the_same_on_any_number_of_ranks(
 def test_film_looks_the_same_on_any_number_of_ranks(
     comm: MPI.Comm, solved: Solved, alone: Solved, shared_tmp_path: Path, tmp_path: Path
 ) -> None:
-    together, by_itself = (
+    on_all_ranks, by_itself = (
         animate_motion(case.problem, case.evaluation, path, frames=5)
         for case, path in ((solved, shared_tmp_path / "a.gif"), (alone, tmp_path / "b.gif"))
     )
     for frame in range(5):
-        assert_same_picture(together, by_itself, frame)
+        assert_same_picture(on_all_ranks, by_itself, frame)
 
 
 def test_film_by_ffmpeg_gets_every_pixel(

@@ -47,10 +47,10 @@ def test_pictures_of_a_motion(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """A rod between a crank and a slider, skew to each other: something moves, and is in colour."""
     problem = spatial_problem(comm, (6, 1, 1), modes=2, steps=240)
     evaluation = problem.value(np.ones(problem.flexible["rod"].domain.n_cells))
-    still = plot_scene(problem, evaluation, shared_tmp_path / "scene.png", color="energy")
+    picture = plot_scene(problem, evaluation, shared_tmp_path / "scene.png", color="energy")
     film = animate_motion(problem, evaluation, shared_tmp_path / "film.gif", frames=4)
     if comm.rank == 0:
-        image = imread(still)[..., :3]
+        image = imread(picture)[..., :3]
         assert np.mean(np.ptp(image, axis=2) > 0.3) > 0.01
         frames = []
         with Image.open(film) as pictures:

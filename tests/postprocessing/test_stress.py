@@ -170,8 +170,8 @@ def test_time_of_the_worst_stress(comm: MPI.Intracomm) -> None:
     worst = ffr.worst_stress(body, evaluation, "bar")
     acceleration = 10.0 / np.sqrt(3.0) / 0.4**2  # of the smooth step, at (3 +- sqrt 3) / 6
     # the largest one of a cell is that of its corners on the left
-    left = 0.05 * np.floor(domain.centroids[:, 0] / 0.05)
-    exact = 7850.0 * acceleration * (1.0 - left)
+    column_of_cell = 0.05 * np.floor(domain.centroids[:, 0] / 0.05)
+    exact = 7850.0 * acceleration * (1.0 - column_of_cell)
     top = 7850.0 * acceleration
     # the time step misses the peak, and the bar rings with a share of its period over the motion's
     assert largest(comm, worst.stress - exact) < 1e-3 * top
@@ -246,8 +246,8 @@ def test_picture_of_the_stress(comm: MPI.Intracomm, shared_tmp_path: Path) -> No
         middle = (columns[0] + columns[-1]) // 2
         white, inside = (np.mean(np.all(p[:, middle] > 250.0, axis=1)) for p in (pixels, whole))
         assert white > inside + 0.3  # the hole
-        left, right = pixels[:, columns[0] + 40], pixels[:, columns[-1] - 40]
-        blue, red = [p[np.ptp(p, axis=1) > 40.0].mean(axis=0) for p in (left, right)]
+        column_of_cell, right = pixels[:, columns[0] + 40], pixels[:, columns[-1] - 40]
+        blue, red = [p[np.ptp(p, axis=1) > 40.0].mean(axis=0) for p in (column_of_cell, right)]
         assert blue[2] > blue[0] + 40.0 and red[0] > red[2] + 40.0
 
 
@@ -290,6 +290,6 @@ def test_fields_for_paraview(comm: MPI.Intracomm, shared_tmp_path: Path, kind: s
         nodes = read("topology")
         centers = read("geometry")[nodes if kind == "curved" else nodes[:, -corners:]].mean(axis=1)
         for name, exact in fields.items():
-            found = read(f"/{name}/").ravel()
-            assert found.shape == (domain.n_cells_global,)
-            np.testing.assert_allclose(found, exact(centers), rtol=1e-12, atol=1e-12)
+            written = read(f"/{name}/").ravel()
+            assert written.shape == (domain.n_cells_global,)
+            np.testing.assert_allclose(written, exact(centers), rtol=1e-12, atol=1e-12)

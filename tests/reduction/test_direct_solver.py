@@ -82,8 +82,8 @@ def test_the_end_of_an_ordered_factor_is_that_of_the_schur_complement() -> None:
     chain = 3.0 * diagonal - np.roll(diagonal, 1, axis=0) - np.roll(diagonal, -1, axis=0)
     rows, columns = np.nonzero(chain)
     begins = np.searchsorted(rows, np.arange(n + 1)).astype(PETSc.IntType)
-    last = np.isin(np.arange(n), [5, 17, 20])
-    factor = module.cholmod.OrderedFactor(begins, columns.astype(PETSc.IntType), last)
+    selected = np.isin(np.arange(n), [5, 17, 20])
+    factor = module.cholmod.OrderedFactor(begins, columns.astype(PETSc.IntType), selected)
     assert factor.factor(chain[rows, columns])
     inverse = np.linalg.inv(chain)
     order = np.argsort(factor.places)[-3:]

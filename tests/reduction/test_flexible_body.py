@@ -66,15 +66,15 @@ def test_reductions_serve_at_any_time(
 def test_element_by_element_at_any_time(comm: MPI.Intracomm, solver: ffr.paper.Solver) -> None:
     """Also while the body is reduced at another density between two batches."""
     body = body_of(comm)
-    first, cells = body.reduce(waves(body.domain)), np.arange(min(2, body.domain.n_cells))
+    reduced, cells = body.reduce(waves(body.domain)), np.arange(min(2, body.domain.n_cells))
     options: dict[str, Any] = {"solver": solver, "batch": 1}
-    expected = integral_derivatives(body, first, cells, solver=solver)
-    fields = [part.fields for part in mode_derivatives(body, first, cells, **options)]
+    expected = integral_derivatives(body, reduced, cells, solver=solver)
+    fields = [part.fields for part in mode_derivatives(body, reduced, cells, **options)]
     body.reduce(waves(body.domain, 1.0))
-    found = integral_derivatives(body, first, cells, solver=solver)
+    derivatives = integral_derivatives(body, reduced, cells, solver=solver)
     for key in ("S", "G", "N", "K"):
-        assert_same(comm, getattr(found, key), getattr(expected, key))
-    for number, part in enumerate(mode_derivatives(body, first, cells, **options)):
+        assert_same(comm, getattr(derivatives, key), getattr(expected, key))
+    for number, part in enumerate(mode_derivatives(body, reduced, cells, **options)):
         assert_same(comm, part.fields, fields[number])
         body.reduce(waves(body.domain, 1.0 + number))
 
@@ -83,14 +83,14 @@ def test_element_by_element_at_any_time(comm: MPI.Intracomm, solver: ffr.paper.S
 def test_matrices_of_one_density_are_kept(comm: MPI.Intracomm) -> None:
     """Reductions that are kept hold no matrices; those of the last one are not made twice."""
     body = body_of(comm)
-    kept = [body.reduce(waves(body.domain, phase)) for phase in range(4)]
-    last = body.factored(kept[-1])
-    assert body.factored(kept[-1]) is last
-    assert last.clamped_stiffness and last.matrices.stiffness
-    assert body.factored(kept[0]) is not last
+    bodies_kept = [body.reduce(waves(body.domain, phase)) for phase in range(4)]
+    last_factored = body.factored(bodies_kept[-1])
+    assert body.factored(bodies_kept[-1]) is last_factored
+    assert last_factored.clamped_stiffness and last_factored.matrices.stiffness
+    assert body.factored(bodies_kept[0]) is not last_factored
     with pytest.raises(RuntimeError, match="matrices of this density are freed"):
-        last.solve(np.zeros((body.elasticity.n_dofs, 1)))
-    assert not last.matrices.stiffness and not last.matrices.mass
+        last_factored.solve(np.zeros((body.elasticity.n_dofs, 1)))
+    assert not last_factored.matrices.stiffness and not last_factored.matrices.mass
 
 
 def test_nothing_is_left_to_petsc(capfd: pytest.CaptureFixture[str]) -> None:
@@ -111,12 +111,12 @@ def test_nothing_is_left_to_petsc(capfd: pytest.CaptureFixture[str]) -> None:
 def test_a_body_takes_along_what_it_keeps(capfd: pytest.CaptureFixture[str]) -> None:
     """Its factor, the analysis for counts and the pattern go with it, if nobody holds them."""
     body = body_of(MPI.COMM_SELF)
-    held = body.factored(body.reduce(waves(body.domain))).clamped_mass
+    clamped_mass = body.factored(body.reduce(waves(body.domain))).clamped_mass
     body = None
     gc.collect()
     PETSc.garbage_view(MPI.COMM_SELF)
     assert "Total entries: 0" in capfd.readouterr().out
-    assert held.norm() > 0.0
+    assert clamped_mass.norm() > 0.0
 
 
 @pytest.mark.mpi

@@ -161,11 +161,12 @@ def test_gradient_of_a_motion(comm: MPI.Intracomm, free: bool) -> None:
     # given arrays move as the mesh does
     evaluation = problem.gradient(density)
     arrays = ffr.MechanicalProblem(problem.mechanism, problem.integrator, problem.objective)
-    given = arrays.gradient(problem.integrals(evaluation))
-    assert given.psi == evaluation.psi
+    by_arrays = arrays.gradient(problem.integrals(evaluation))
+    assert by_arrays.psi == evaluation.psi
     for name in ("right", "top"):
         mine, theirs = (
-            each.integrals_gradient["beam"].markers[name].stiffening for each in (given, evaluation)
+            each.integrals_gradient["beam"].markers[name].stiffening
+            for each in (by_arrays, evaluation)
         )
         assert np.any(mine)
         np.testing.assert_array_equal(mine, theirs)

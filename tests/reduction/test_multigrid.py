@@ -27,9 +27,9 @@ def pair(comm: MPI.Intracomm, dimension: int) -> tuple[ffr.FlexibleBody, ffr.Fle
     Multigrid goes by aggregates in the plane, where nodes stand on no lattice, by boxes in space.
     """
     elements, modes = ((12, 2), 3) if dimension == 2 else ((13, 4, 4), 2)
-    own = {"cell": "triangle"} if dimension == 2 else {}
+    cell_options = {"cell": "triangle"} if dimension == 2 else {}
     direct, iterative = (
-        rod(comm, elements, (0.4, 0.04, 0.04), modes=modes, solver=solver, **own)
+        rod(comm, elements, (0.4, 0.04, 0.04), modes=modes, solver=solver, **cell_options)
         for solver in ("direct", "iterative")
     )
     return direct, iterative
@@ -49,10 +49,12 @@ def test_the_same_as_by_factors(comm: MPI.Intracomm, dimension: int) -> None:
     direct, iterative = pair(comm, dimension)
     domain = direct.domain
     for x in (np.where(domain.design_cells, 0.5, 1.0), holes(domain)):
-        (psi, gradient), (other, found) = (body_compliance(b, x) for b in (direct, iterative))
+        (psi, gradient), (other, other_gradient) = (
+            body_compliance(b, x) for b in (direct, iterative)
+        )
         assert other == pytest.approx(psi, rel=1e-9)
         size = np.sqrt(domain.sum(gradient**2))
-        assert np.sqrt(domain.sum((found - gradient) ** 2)) < 1e-8 * size
+        assert np.sqrt(domain.sum((other_gradient - gradient) ** 2)) < 1e-8 * size
         frequencies = direct.reduce(x).basis.frequencies
         assert_allclose(iterative.reduce(x).basis.frequencies, frequencies, rtol=1e-9)
         if dimension == 3:  # bending in both planes
@@ -70,18 +72,18 @@ def test_boxes_interpolate_linear_fields(
     assert matrices
     exact = body.elasticity.coordinates().ravel()
     # coarse nodes are those that are interpolated by weight one
-    coarse, found = matrices[0].createVecs()
+    coarse, fine = matrices[0].createVecs()
     indptr, columns, weights = matrices[0].getValuesCSR()
     nodes = weights == 1.0
     rows = np.repeat(np.arange(len(exact)), np.diff(indptr))[nodes]
     coarse.setValues(columns[nodes], exact[rows])
     coarse.assemble()
-    matrices[0].mult(coarse, found)
-    assert not np.any(found.getArray()[clamped])
+    matrices[0].mult(coarse, fine)
+    assert not np.any(fine.getArray()[clamped])
     x = np.repeat(exact[:: len(elements)], len(elements))
     far = np.abs(x - 0.2) < 0.2 - 0.8 / elements[0]
-    assert_allclose(found.getArray()[far], exact[far], atol=1e-14)
-    for item in (coarse, found, *matrices):
+    assert_allclose(fine.getArray()[far], exact[far], atol=1e-14)
+    for item in (coarse, fine, *matrices):
         item.destroy()
 
 
@@ -100,8 +102,8 @@ def test_a_stall_is_told_and_a_factor_takes_over(
     direct, iterative = pair(comm, dimension)
     x = holes(direct.domain)
     with pytest.warns(UserWarning, match=r"stalls .* in 4 iterations.* goes on with a factor"):
-        found = iterative.reduce(x).basis.frequencies
-    assert_allclose(found, direct.reduce(x).basis.frequencies, rtol=1e-9)
+        frequencies = iterative.reduce(x).basis.frequencies
+    assert_allclose(frequencies, direct.reduce(x).basis.frequencies, rtol=1e-9)
     with warnings.catch_warnings():  # told once
         warnings.simplefilter("error")
         iterative.reduce(np.sqrt(x))
@@ -124,10 +126,10 @@ def test_a_preconditioner_that_is_not_positive_is_no_convergence(
     _, body = pair(comm, 2)
     solver = multigrid.MultigridSolver(body.elasticity, body.reduction.clamped, 1e-8)
     loads = np.ones((body.elasticity.n_dofs, 2))
-    found, iterations = solver._conjugate_gradients(
+    solution, iterations = solver._conjugate_gradients(
         lambda block, _: block, lambda block: sign * block, loads
     )
-    assert found is None and iterations == 0
+    assert solution is None and iterations == 0
     zero, _ = solver._conjugate_gradients(lambda block, _: block, lambda block: block, 0.0 * loads)
     assert zero is not None and not np.any(zero)
 
@@ -138,6 +140,6 @@ def test_products_by_columns(comm: MPI.Intracomm, transposed: bool) -> None:
     _, body = pair(comm, 2)
     matrix = body.factored(body.reduce(holes(body.domain))).clamped_mass
     block = np.cos(np.arange(3.0 * body.elasticity.n_dofs)).reshape(-1, 3)
-    found = multigrid._product_by_columns(matrix, block, transposed=transposed)
+    product = multigrid._product_by_columns(matrix, block, transposed=transposed)
     exact = multigrid._product(matrix, block, transposed=transposed)
-    assert_allclose(found, exact, atol=1e-14 * np.abs(exact).max())
+    assert_allclose(product, exact, atol=1e-14 * np.abs(exact).max())

@@ -95,8 +95,8 @@ def follows(comm: MPI.Comm, cell: str, order: int, step: float, place: list[floa
         weights = _shape_functions(before, number, reference)[2][0]
         nodes = _compat.cell_geometry(after.mesh)[number]
         values.append(weights @ after.mesh.geometry.x[nodes, : after.dimension])
-    every = [place for part in comm.allgather(values) for place in part]
-    return np.mean(every, axis=0).tolist()
+    all_places = [place for part in comm.allgather(values) for place in part]
+    return np.mean(all_places, axis=0).tolist()
 
 
 def density(domain: ffr.Domain) -> np.ndarray:
@@ -194,21 +194,27 @@ def errors(
 
     def values(h: float) -> np.ndarray:
         problem, x = made_with(h)
-        found = problem.value(x)
-        return np.array([found.psi, *(bound.value for bound in found.constraints.values())])
+        evaluation = problem.value(x)
+        return np.array(
+            [evaluation.psi, *(bound.value for bound in evaluation.constraints.values())]
+        )
 
     problem, x = made_with(0.0)
     body = problem.flexible["rod"]
-    found = problem.differentiate(problem.value(x), nodes=True, densities=False)
-    assert found.gradient is None
+    evaluation = problem.differentiate(problem.value(x), nodes=True, densities=False)
+    assert evaluation.gradient is None
     direction = motion(body.domain.mesh.geometry.x[:, : body.domain.dimension])
     exact = np.empty(len(objectives))
-    for k, one in enumerate([found, *found.constraints.values()]):
+    for k, one in enumerate([evaluation, *evaluation.constraints.values()]):
         assert one.nodes is not None
         exact[k] = body.elasticity.nodes.inner(one.nodes["rod"], direction)
     assert np.all(exact != 0.0)
-    parts = [values(k * step) - values(-k * step) for k in (1, 2, 3)]
-    return list(np.abs((45 * parts[0] - 9 * parts[1] + parts[2]) / (60 * step * exact) - 1.0))
+    differences = [values(k * step) - values(-k * step) for k in (1, 2, 3)]
+    return list(
+        np.abs(
+            (45 * differences[0] - 9 * differences[1] + differences[2]) / (60 * step * exact) - 1.0
+        )
+    )
 
 
 ALPHA, RADAU = ffr.GeneralizedAlpha(0.1, 40), ffr.RadauIIA(0.1, steps=10)
@@ -264,19 +270,19 @@ SPACE = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("cell", "order", "objectives", "options"), SPACE)
 def test_in_space(cell: str, order: int, objectives: Any, options: dict[str, Any]) -> None:
-    alone = MPI.COMM_SELF
-    assert max(errors(pendulum, alone, cell, order, objectives, ALPHA, **options)) < 1e-7
+    serial = MPI.COMM_SELF
+    assert max(errors(pendulum, serial, cell, order, objectives, ALPHA, **options)) < 1e-7
 
 
 def test_parts_of_a_largest_stress() -> None:
     """The bounds that steps of the boundary keep where it is the objective, one for each range."""
-    alone, whole = MPI.COMM_SELF, ffr.PeakStress("rod", clear=5e-3)
-    domain = moved(alone, "triangle", 2, 0.0)
+    serial, whole = MPI.COMM_SELF, ffr.PeakStress("rod", clear=5e-3)
+    domain = moved(serial, "triangle", 2, 0.0)
     problem = slider_crank(domain, whole, ALPHA)
     by_places, _ = problem.adapted(problem.value(density(domain)), parted)
-    parts = tuple(bound.objective for bound in by_places.constraints)
-    assert len(parts) > 1
-    assert max(errors(slider_crank, alone, "triangle", 2, parts, ALPHA)) < 1e-7
+    objectives = tuple(bound.objective for bound in by_places.constraints)
+    assert len(objectives) > 1
+    assert max(errors(slider_crank, serial, "triangle", 2, objectives, ALPHA)) < 1e-7
 
 
 def test_a_length_that_would_change_is_refused() -> None:

@@ -92,24 +92,26 @@ def test_pullback_from_integrals_to_density(comm: MPI.Intracomm, kind: str, wher
     assert set(reduced.integrals.stiffening) == set(BODIES[kind].get("stiffening", ())) - {
         "markers"
     }
-    found = body.pullback(reduced, psi.bar(reduced.integrals))
-    assert 0 < found.learnt["iterations"] < 60 or not body.modes
-    slope = domain.sum(found.density * direction)
+    gradient = body.pullback(reduced, psi.bar(reduced.integrals))
+    assert 0 < gradient.learnt["iterations"] < 60 or not body.modes
+    slope = domain.sum(gradient.density * direction)
 
     def value(way: float) -> float:
         return psi.value(body.reduce(x + way * direction).integrals)
 
     # RAMP leaves its floor at a finite slope: steps must stay well below floor (1 + q)
-    first = 1e-3 if kind == "triangles" else 1e-2
-    check_slope(value, slope, first, count=4, roundoff=1e-11 if domain.dimension == 2 else 1e-10)
+    first_step = 1e-3 if kind == "triangles" else 1e-2
+    check_slope(
+        value, slope, first_step, count=4, roundoff=1e-11 if domain.dimension == 2 else 1e-10
+    )
     if where in ("smooth", "symmetric"):
         # the number is solved for with n equations, and rounded off by n eps cond(K)
         off = np.finfo(float).eps * np.linalg.cond(reduced.integrals.K) * abs(value(0.0))
         off *= len(reduced.integrals.K)
         assert slope == pytest.approx(difference(value, 2e-3), rel=1e-6, abs=off / 2e-3)
     # the filled share is linear in the density
-    share = body.volume(x)[0] + domain.sum(body.volume(x)[1] * first * direction)
-    assert body.volume(x + first * direction)[0] == pytest.approx(share, rel=1e-12)
+    share = body.volume(x)[0] + domain.sum(body.volume(x)[1] * first_step * direction)
+    assert body.volume(x + first_step * direction)[0] == pytest.approx(share, rel=1e-12)
     assert body.volume(np.ones(domain.n_cells))[0] == pytest.approx(1.0, rel=1e-13)
 
 

@@ -69,13 +69,13 @@ def round_off(exact: np.ndarray) -> float:
 def test_no_copy_is_missed(name: str) -> None:
     """Up to 40 modes at all tolerances, against LAPACK; what is said about clusters is right."""
     domain = BODIES[name](MPI.COMM_SELF)
-    first = reduction(domain, 1)
-    factored = factor(first)
-    exact = all_eigenvalues(first, factored)
+    reduced = reduction(domain, 1)
+    factored = factor(reduced)
+    exact = all_eigenvalues(reduced, factored)
     ends = np.append(0, np.flatnonzero(np.diff(exact) >= CLUSTER * exact[1:]) + 1)
     for modes in (*range(1, 21), *range(21, 41, 3)):
         tolerance = TOLERANCES[modes % 4]
-        body = CraigBampton(first.elasticity, first.frame, modes, tolerance=tolerance)
+        body = CraigBampton(reduced.elasticity, reduced.frame, modes, tolerance=tolerance)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             basis = body.basis(factored)
@@ -87,8 +87,10 @@ def test_no_copy_is_missed(name: str) -> None:
             assert basis.first_truncated_eigenvalue == pytest.approx(exact[modes], rel=1e-2)
         else:
             right = [ends[ends < modes][-1], ends[ends > modes][0]]
-            told = re.search(r"take modes = ([\d or]+)", str(caught[0].message))
-            assert told and list(map(int, told[1].split(" or "))) == [k for k in right if k], modes
+            message = re.search(r"take modes = ([\d or]+)", str(caught[0].message))
+            assert message and list(map(int, message[1].split(" or "))) == [
+                k for k in right if k
+            ], modes
 
 
 def test_count_below() -> None:
@@ -110,17 +112,17 @@ def test_modes_that_cannot_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> Non
     count = FactoredBody.count_below
     monkeypatch.setattr(FactoredBody, "count_below", lambda *args: count(*args) + 1)
     body = reduction(BODIES["coarse square"](MPI.COMM_SELF), 5)
-    factored, told = factor(body), r"5 normal modes were found below .* 6 were counted"
-    with pytest.raises(RuntimeError, match=told):
+    factored, message = factor(body), r"5 normal modes were found below .* 6 were counted"
+    with pytest.raises(RuntimeError, match=message):
         body.basis(factored)
     monkeypatch.undo()
     basis = body.basis(factored)
     body.warn_of_missing_modes(factored, basis)
     with pytest.raises(RuntimeError, match="are freed"):  # the count needs the memory
         factored.solve(basis.shapes)
-    last = FactoredBody.count_last
-    monkeypatch.setattr(FactoredBody, "count_last", lambda *args: last(*args) + 1)
-    with pytest.warns(UserWarning, match=told):
+    count_last = FactoredBody.count_last
+    monkeypatch.setattr(FactoredBody, "count_last", lambda *args: count_last(*args) + 1)
+    with pytest.warns(UserWarning, match=message):
         body.warn_of_missing_modes(factor(body), basis)
 
 
@@ -134,8 +136,8 @@ def test_the_same_on_several_ranks(
 ) -> None:
     """Noise finds further copies, or SLEPc where spaces are small; all ranks go the same way."""
     monkeypatch.setattr(normal_modes, "SEARCH", replace(normal_modes.SEARCH, most=most))
-    alone = reduction(BODIES[name](MPI.COMM_SELF), 1)
-    exact = all_eigenvalues(alone, factor(alone))
+    serial_reduction = reduction(BODIES[name](MPI.COMM_SELF), 1)
+    exact = all_eigenvalues(serial_reduction, factor(serial_reduction))
     shared = reduction(BODIES[name](comm), modes, tolerance=1e-6)
     basis = shared.basis(factor(shared))
     error = np.abs(basis.eigenvalues - exact[:modes])

@@ -78,33 +78,35 @@ def test_static_displacements_are_exact(comm: MPI.Intracomm, modes: int) -> None
     """The loads' static displacements lie in the span of normal and residual modes."""
     body = rod(comm, modes=modes, markers={"middle": (0.2, 0.0)})
     reduced = body.reduce(designs(body.domain)["waves"])
-    whole = with_residual_modes(body, reduced)
+    with_residuals = with_residual_modes(body, reduced)
     elasticity, factored = body.elasticity, body.factored(reduced)
-    matrices, normal = factored.matrices, whole.basis.normal
+    matrices, normal = factored.matrices, with_residuals.basis.normal
     added = normal.shape[1] - modes
     # four of the frame's motion, three constraint modes, three of the point; and their inertia
     assert 10 < added <= 20
     gram = elasticity.inner(normal, elasticity.apply(matrices.mass, normal))
     assert np.allclose(gram, np.eye(modes + added), atol=1e-9)
     stiffness = elasticity.inner(normal, elasticity.apply(matrices.stiffness, normal))
-    scale = np.sqrt(whole.basis.eigenvalues)
+    scale = np.sqrt(with_residuals.basis.eigenvalues)
     assert np.allclose(stiffness / np.outer(scale, scale), np.eye(modes + added), atol=1e-9)
-    assert np.all(np.diff(whole.basis.eigenvalues) > 0.0)
+    assert np.all(np.diff(with_residuals.basis.eigenvalues) > 0.0)
     # displacements under the centrifugal load and under a force at the point
     weight = elasticity.apply(matrices.mass, body.reduction.reference[:, None])
     force = body.markers["middle"].rows.T.toarray()[:, 1:2]
     for load in (weight, force):
         load[body.reduction.clamped] = 0.0
         exact = factored.solve(load)
-        value = normal @ (elasticity.inner(normal, load) / whole.basis.eigenvalues[:, None])
+        value = normal @ (
+            elasticity.inner(normal, load) / with_residuals.basis.eigenvalues[:, None]
+        )
         size = elasticity.largest(np.abs(exact))
         assert elasticity.largest(np.abs(value - exact)) < 1e-9 * size
     # the first shape functions stay as they are, and so do their integrals
     r = body.n_elastic
-    assert np.array_equal(whole.basis.shapes[:, :r], reduced.basis.shapes)
-    leading, own = whole.integrals.leading(r), reduced.integrals
-    assert np.allclose(leading.K, own.K, rtol=0.0, atol=1e-12 * np.abs(own.K).max())
-    assert np.allclose(leading.G, own.G, rtol=0.0, atol=1e-12 * np.abs(own.G).max())
+    assert np.array_equal(with_residuals.basis.shapes[:, :r], reduced.basis.shapes)
+    leading, integrals = with_residuals.integrals.leading(r), reduced.integrals
+    assert np.allclose(leading.K, integrals.K, rtol=0.0, atol=1e-12 * np.abs(integrals.K).max())
+    assert np.allclose(leading.G, integrals.G, rtol=0.0, atol=1e-12 * np.abs(integrals.G).max())
 
 
 @pytest.mark.slow

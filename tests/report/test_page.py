@@ -121,9 +121,9 @@ def test_steps_of_the_boundary(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_missing_is_named(key: str, named: str, tmp_path: Path) -> None:
-    given = record()
-    del given[key]
-    text = words(page_of(write_run(tmp_path, given, history=False)))
+    summary = record()
+    del summary[key]
+    text = words(page_of(write_run(tmp_path, summary, history=False)))
     assert f"summary.json: {named} (ffr.run_record writes them)" in text
     assert ("Outline of the part, as in part.svg" in text) == (key == "parts")
     assert "history.csv: how the design came about" in text
@@ -165,8 +165,8 @@ def test_summary_of_another_program_is_shown_as_it_is(tmp_path: Path) -> None:
     settings = {"compliance_final": 3.125e-5, "note": "<b>bold</b>", "ok": True, "list": [1, 2]}
     page = page_of(write_run(tmp_path, settings))
     assert "<b>" not in page
-    shown = ("compliance final 3.1250 × 10⁻⁵", "note <b>bold</b>", "ok yes", "What is missing")
-    assert all(said in words(page) for said in shown)
+    expected = ("compliance final 3.1250 × 10⁻⁵", "note <b>bold</b>", "ok yes", "What is missing")
+    assert all(said in words(page) for said in expected)
 
 
 def test_history_alone_makes_a_report(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def test_record_of_a_run(
     rod = problem.flexible["rod"]
     full = problem.value(np.ones(rod.domain.n_cells))
     design = ffr.DensityDesign(rod.domain)
-    with pytest.warns(ffr.DesignWarning), ffr.recorded_warnings() as said:
+    with pytest.warns(ffr.DesignWarning), ffr.recorded_warnings() as messages:
         # too few iterations: the sharp design is above its volume
         settings = {"iterations": 1, "progress": False, "mode_tolerance": None}
         result = ffr.optimize(problem, design, volume=0.8, output=shared_tmp_path, **settings)
@@ -41,8 +41,8 @@ def test_record_of_a_run(
     verification = ffr.verify(problem, {"rod": part}, full, **COARSE)
     part.write(shared_tmp_path / "part.svg")
     references = {"full rod": full.psi, "what holds nothing": float("inf")}
-    of = {"verification": verification, "warnings": said, "references": references}
-    record = ffr.run_record(result, title="Rod", parts={"rod": part}, **of)
+    details = {"verification": verification, "warnings": messages, "references": references}
+    record = ffr.run_record(result, title="Rod", parts={"rod": part}, **details)
     assert set(record) == set(KEYS)
     assert comm.allgather(json.dumps(record)) == [json.dumps(record)] * comm.size
     assert record["psi"] == result.psi
@@ -95,14 +95,14 @@ def test_record_of_other_bodies_is_refused(comm: MPI.Comm) -> None:
 
 
 def test_warnings_are_listed_once_and_shown() -> None:
-    with pytest.warns(UserWarning) as shown, ffr.recorded_warnings() as said:
+    with pytest.warns(UserWarning) as caught, ffr.recorded_warnings() as messages:
         for text in ("one", "two", "one"):
             warnings.warn(text, ffr.DesignWarning, stacklevel=1)
-    assert [str(warning.message) for warning in shown] == ["one", "two", "one"]
-    assert said == [{"category": "DesignWarning", "message": text} for text in ("one", "two")]
+    assert [str(warning.message) for warning in caught] == ["one", "two", "one"]
+    assert messages == [{"category": "DesignWarning", "message": text} for text in ("one", "two")]
     with pytest.warns(UserWarning):
         warnings.warn("afterwards", UserWarning, stacklevel=1)
-    assert len(said) == 2
+    assert len(messages) == 2
 
 
 @pytest.mark.mpi
@@ -140,7 +140,11 @@ def test_record_and_page_of_several_load_cases(comm: MPI.Comm, shared_tmp_path: 
     assert record["stress"]["rod"]["load_case"] == "lever"
     ffr.write_summary(comm, shared_tmp_path / "summary.json", record)
     page = ffr.write_report(comm, shared_tmp_path).read_text()
-    said = "Reported, weighted | ψ of the design is their worst case | lever: stress | In load case"
-    said += " | Objectives of the load cases over the iterations | point mass 1 kg | by the part"
-    for text in said.split(" | "):
+    messages = (
+        "Reported, weighted | ψ of the design is their worst case | lever: stress | In load case"
+    )
+    messages += (
+        " | Objectives of the load cases over the iterations | point mass 1 kg | by the part"
+    )
+    for text in messages.split(" | "):
         assert text in page, text

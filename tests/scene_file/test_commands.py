@@ -179,9 +179,9 @@ def test_results_are_overwritten_only_where_that_is_said(
         folder.mkdir(parents=True)
         (folder / name).touch()
         for option in ([], ["--overwrite"], ["--resume"]):
-            given = ["design", str(file), "--output", str(folder), *option]
+            arguments = ["design", str(file), "--output", str(folder), *option]
             with pytest.raises(SystemExit if option else scene_file.SceneError) as ended:
-                main(given)
+                main(arguments)
             assert option or f"holds the results of an earlier run ({name})" in str(ended.value)
     assert len(reached) == 4
 
@@ -191,8 +191,8 @@ def test_a_title_that_the_terminal_has_not(example: Callable[[str], Path]) -> No
     file.write_text(re.sub("title = .*", "title = 'Kürbel'", file.read_text()))
     code = "from pathlib import Path; from dolfinx_ffr import program, scene_file; "
     code += f"program.run(lambda: print(scene_file.read_scene(Path({str(file)!r})).title))"
-    told = processes.run("-c", code, PYTHONIOENCODING="ascii")
-    assert told.returncode == 0 and told.stdout.strip() == r"K\xfcrbel", told.stderr
+    printed = processes.run("-c", code, PYTHONIOENCODING="ascii")
+    assert printed.returncode == 0 and printed.stdout.strip() == r"K\xfcrbel", printed.stderr
 
 
 @pytest.mark.slow

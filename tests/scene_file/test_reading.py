@@ -178,9 +178,9 @@ def test_what_is_wrong_is_told_with_its_place(
     old: str, new: str, said: str, tmp_path: Path
 ) -> None:
     file = written(tmp_path, (old, new))
-    with pytest.raises(SceneError, match=f"^{re.escape(str(file))}: .*{said}") as told:
+    with pytest.raises(SceneError, match=f"^{re.escape(str(file))}: .*{said}") as caught:
         read_scene(file)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_nesting_without_end_is_told_in_a_line(tmp_path: Path) -> None:
@@ -309,9 +309,9 @@ def test_page(tmp_path: Path) -> None:
         assert of(scene.cases)
     assert list(scene.cases) == ["slow", "loaded"]
     (tmp_path / "lever.toml").write_text(first.replace('"lever.shaft"', '"levr.shaft"', 1))
-    with pytest.raises(SceneError) as told:
+    with pytest.raises(SceneError) as caught:
         read_scene(tmp_path / "lever.toml")
-    assert str(told.value).replace(f"{tmp_path}/", "dolfinx_ffr: ") in text
+    assert str(caught.value).replace(f"{tmp_path}/", "dolfinx_ffr: ") in text
     rows = re.findall(r"^\| `([\w ]+)` \| ([\d.]+) \| ([\d.]+) \| (\d+) \|", text, re.M)
     told_solids = {n: (1e9 * float(E), float(nu), float(rho)) for n, E, nu, rho in rows}
     assert told_solids == {n: (s["young"], s["poisson"], s["density"]) for n, s in SOLIDS.items()}

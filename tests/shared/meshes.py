@@ -116,9 +116,9 @@ def write_rod(
         line = [geometry.addLine(points[i], points[(i + 1) % 6]) for i in range(6)]
         cut = geometry.addLine(points[1], points[4])
         end = geometry.addPlaneSurface([geometry.addCurveLoop([line[0], cut, line[4], line[5]])])
-        rest = geometry.addPlaneSurface([geometry.addCurveLoop([line[1], line[2], line[3], -cut])])
+        sheet = geometry.addPlaneSurface([geometry.addCurveLoop([line[1], line[2], line[3], -cut])])
         geometry.synchronize()
-        groups = [(1, line[5], "left"), (1, line[2], "right"), (2, end, "solid"), (2, rest, "d")]
+        groups = [(1, line[5], "left"), (1, line[2], "right"), (2, end, "solid"), (2, sheet, "d")]
         for dim, entity, name in groups:
             tag = gmsh.model.addPhysicalGroup(dim, [entity])
             if names:
@@ -181,9 +181,9 @@ def write_pierced_block(
         gmsh.model.occ.synchronize()
         surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
         bore = [s for s in surfaces if gmsh.model.getType(2, s) == "Cylinder"]
-        left = [s for s in surfaces if gmsh.model.occ.getCenterOfMass(2, s)[0] < -0.499]
+        at_left = [s for s in surfaces if gmsh.model.occ.getCenterOfMass(2, s)[0] < -0.499]
         material = [tag for _, tag in bodies]
-        for dim, tags, name in ((3, material, "material"), (2, bore, "bore"), (2, left, "left")):
+        for dim, tags, name in ((3, material, "material"), (2, bore, "bore"), (2, at_left, "left")):
             if tags:
                 gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)

@@ -46,12 +46,12 @@ def pendulum() -> Scene:
 
 def deformed(scene: Scene, size: float) -> Scene:
     """A scene whose flexible bodies are bent and swing at the start."""
-    rng, parts = np.random.default_rng(0), []
+    rng, values = np.random.default_rng(0), []
     for rate in (1.0, 30.0):
         part = {
             name: size * rate * rng.uniform(-1.0, 1.0, body.modes) / np.arange(1, body.modes + 1)
             for name, body in scene.bodies.items()
             if body.modes
         }
-        parts.append(part)
-    return replace(scene, mechanism=replace(scene.mechanism, start=ffr.Assembled(*parts)))
+        values.append(part)
+    return replace(scene, mechanism=replace(scene.mechanism, start=ffr.Assembled(*values)))

@@ -143,8 +143,10 @@ def three_load_cases(
     def case(
         mechanism: ffr.Mechanism, end: float, objective: ffr.Objective, *bounds: ffr.Constraint
     ) -> ffr.MechanicalProblem:
-        given = bounds if constraints else ()
-        return ffr.MechanicalProblem(mechanism, ffr.GeneralizedAlpha(end, steps), objective, given)
+        constraints_given = bounds if constraints else ()
+        return ffr.MechanicalProblem(
+            mechanism, ffr.GeneralizedAlpha(end, steps), objective, constraints_given
+        )
 
     force = ffr.Constraint(ffr.JointForce("slider"), upper=8.0)
     # psi of the three is about as large

@@ -97,12 +97,12 @@ class Units:
             return type(thing)(self.of(part) for part in thing)
         if not is_dataclass(thing) or isinstance(thing, ffr.Motion | type):
             return thing
-        known = DIMENSIONS.get(type(thing), {})
+        dimensions = DIMENSIONS.get(type(thing), {})
         parts = {field.name: getattr(thing, field.name) for field in fields(thing)}
         return replace(
             thing,
             **{
-                name: self.quantity(part, known[name]) if name in known else self.of(part)
+                name: self.quantity(part, dimensions[name]) if name in dimensions else self.of(part)
                 for name, part in parts.items()
             },
         )
