@@ -315,7 +315,7 @@ def test_cells_distributed_otherwise(comm: MPI.Comm, shared_tmp_path: Path, opti
 
 @pytest.mark.mpi
 def test_resuming_without_a_checkpoint(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
-    with pytest.warns(ffr.DesignWarning, match="no checkpoint .*new.checkpoint to go on from"):
+    with pytest.warns(ffr.DesignWarning, match="no checkpoint .*new.checkpoint to resume"):
         result = run(copy(comm), output=shared_tmp_path / "new", iterations=1, resume=True)
     assert result.iterations == 1
     with pytest.raises(ValueError, match="resume=True needs the folder of the checkpoint"):

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Design by explicit steps of level sets.
 
-Each iteration makes one explicit step of an `Evolution` and keeps it if psi falls; otherwise the
+Each iteration makes one explicit step of an `Evolution` and accepts it if psi falls; otherwise the
 next step is half as long. The projection from void to solid becomes sharper in stages: at first
 derivatives reach over an element, and the final design is sharp. In the second half of the stages
 an eroded design is analysed (`LevelSet.eroded`); bounds on volumes, psi and densities of the result
-are those of the nominal one.
+belong to the nominal one.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from ..problem import Evaluation
 from .loop import Arrays, Bounds, DesignLoop, Designs, Iterate, Optimizer
 from .result import Result, warn
 
-#: Factors of the step's size after one that was kept and one that was not
+#: Factors of the step's size after an accepted and after a rejected step
 GROW, SHRINK = 1.3, 0.5
-#: A step shorter than this share of a spacing means that there is no descent left
+#: Shortest step, as a share of a spacing, before the stage has converged
 SHORTEST = 1e-3
-#: Steps between re-initialisations to the signed distance
+#: Number of accepted steps between re-initialisations to the signed distance
 REINITIALIZED = 5
-#: Iterations over which convergence is judged
+#: Number of iterations over which psi must fall by more than the tolerance
 WINDOW = 5
-#: A design whose psi is this many times that of the reference is in pieces: its gradient is that of
-#: the void that holds it together
+#: Ratio of psi to a reference above which a design is in pieces, so that its gradient is that of
+#: the void between them
 APART = 1e3
 
 
@@ -43,14 +43,15 @@ class LevelSetEvolution(Optimizer):
     """Explicit steps of one level set a body; takes a volume bound and no other constraint.
 
     Args:
-        sharpness: Steepness of the projection in each stage. The next stage begins where one has
-            converged, or has had its share of the iterations.
+        sharpness: Steepness of the projection in each stage. A stage ends when it has converged or
+            used its share of the iterations.
         step: Largest change of phi in one iteration, in knot spacings (CFL number); above one the
             zero line overshoots thin struts.
         tolerance: A stage has converged when psi falls by less than this, relatively, over five
             iterations.
-        stage_iterations: Iterations of a stage at most; by default those of the run are shared out
-            evenly. A number makes the path of a design independent of the number of iterations.
+        stage_iterations: Largest number of iterations of a stage; by default the iterations of the
+            run are divided evenly. A number makes the path of a design independent of the number of
+            iterations.
     """
 
     sharpness: Sequence[float] = (11.0, 19.0, 32.0, 56.0)
@@ -59,16 +60,15 @@ class LevelSetEvolution(Optimizer):
     stage_iterations: int | None = None
 
     def __post_init__(self) -> None:
-        what = "LevelSetEvolution"
-        stages = f"{what}: sharpness"
-        if not len(validation.real_array(stages, self.sharpness, (None,))):
-            raise ValueError(f"{stages} must have a number for each stage, but it is empty")
+        label = "LevelSetEvolution: sharpness"
+        if not len(validation.real_array(label, self.sharpness, (None,))):
+            raise ValueError(f"{label} must have a number for each stage, but it is empty")
         for value in self.sharpness:
-            validation.number(stages, value, above=0.0)
-        validation.number(f"{what}: step", self.step, above=0.0)
-        validation.number(f"{what}: tolerance", self.tolerance, least=0.0)
-        if self.stage_iterations is not None:
-            validation.integer(f"{what}: stage_iterations", self.stage_iterations, least=1)
+            validation.number(label, value, above=0.0)
+        validation.number("LevelSetEvolution: step", self.step, above=0.0)
+        validation.number("LevelSetEvolution: tolerance", self.tolerance, least=0.0)
+        if (count := self.stage_iterations) is not None:
+            validation.integer("LevelSetEvolution: stage_iterations", count, least=1)
 
     def run(self, loop: DesignLoop, designs: Designs, start: Arrays, volume: Bounds) -> Result:
         """The level sets ``designs`` moved from ``start`` below ``volume`` in a ``loop``."""
@@ -81,21 +81,21 @@ class LevelSetEvolution(Optimizer):
             return loop.result(designs, coefficients, evaluation, reason, steps.bounds)
 
 
-def _apart(psi: float) -> float:
-    """The psi beyond which a design is in pieces, where that of the reference is known."""
+def _in_pieces(psi: float) -> float:
+    """The value above which a design is in pieces, if psi of the reference is ``psi``."""
     return psi + (APART - 1.0) * abs(psi)
 
 
 @dataclass
 class _State:
-    """The state that the next iteration depends on."""
+    """The state on which the next iteration depends."""
 
     phi: dict[str, Array]
     iteration: int = 0
     stage: int = 0
     size: float = 1.0
-    accepted: int = 0  # since the last re-initialisation
-    since: int = 0  # iteration in which the stage began
+    accepted: int = 0  #: Number of accepted steps since the last re-initialisation
+    stage_start: int = 0  #: Iteration in which the stage began
 
 
 class LevelSetSteps(Iterator[Iterate]):
@@ -117,8 +117,8 @@ class LevelSetSteps(Iterator[Iterate]):
         if loop.problem.combine.bounds:
             raise ValueError(
                 "optimize: LevelSetEvolution minimises one smooth number, and the largest value of "
-                "several load cases (WorstCase) is none; give optimizer=MMA(), or combine them "
-                "by a PowerMean"
+                "several load cases (WorstCase) is not smooth; give optimizer=MMA(), or combine "
+                "them by a PowerMean"
             )
         if loop.problem.constraints:
             raise ValueError(
@@ -128,12 +128,16 @@ class LevelSetSteps(Iterator[Iterate]):
         self.loop, self.options = loop, options
         evolutions = {name: Evolution(design, volume[name]) for name, design in designs.items()}
         self.bounds = volume  #: Of the filled shares, by name of the body
-        #: Of each stage, by name of the body
+        #: Evolutions of each stage, by name of the body
         self.stages = []
-        for stage, sharp in enumerate(options.sharpness):
-            late = 2 * stage >= len(options.sharpness)
-            own = {name: e.with_sharpness(sharp, eroded=late) for name, e in evolutions.items()}
-            self.stages.append(own)
+        for stage, sharpness in enumerate(options.sharpness):
+            eroded = 2 * stage >= len(options.sharpness)
+            self.stages.append(
+                {
+                    name: evolution.with_sharpness(sharpness, eroded=eroded)
+                    for name, evolution in evolutions.items()
+                }
+            )
 
     def coefficients(self, state: _State) -> dict[str, Array]:
         """The coefficients of the level sets."""
@@ -146,11 +150,11 @@ class LevelSetSteps(Iterator[Iterate]):
         return {name: e.analysed.density(variables[name]) for name, e in evolutions.items()}
 
     def designs(self, state: _State) -> dict[str, LevelSet]:
-        """The nominal level sets, as sharp as in a state."""
+        """The nominal level sets, with the sharpness of a state."""
         return {name: e.levelset for name, e in self.stages[state.stage].items()}
 
     def nominal(self, state: _State, evaluation: Evaluation) -> Evaluation:
-        """The evaluation of the nominal level sets, where eroded ones are analysed."""
+        """The evaluation of the nominal level sets, even if eroded ones are analysed."""
         if all(e.analysed is e.levelset for e in self.stages[state.stage].values()):
             return evaluation
         variables = self.coefficients(state)
@@ -159,12 +163,12 @@ class LevelSetSteps(Iterator[Iterate]):
     def value(self, state: _State, limit: float = math.inf) -> Evaluation | None:
         """The evaluation of a state; None where psi exceeds a limit or nothing can be simulated."""
         try:
-            found = self.loop.value(self.densities(state))
+            evaluation = self.loop.value(self.densities(state))
         except SimulationError:  # so soft that it cannot move
             if limit == math.inf:
                 raise
             return None
-        return found if found.psi <= limit else None
+        return evaluation if evaluation.psi <= limit else None
 
     def differentiate(self, evaluation: Evaluation, state: _State) -> Evaluation:
         """The evaluation of a state with its gradient."""
@@ -177,17 +181,17 @@ class LevelSetSteps(Iterator[Iterate]):
 
     @property
     def converged(self) -> bool:
-        """Whether psi stands still in the last stage."""
-        last = self.state.stage + 1 == len(self.options.sharpness)
-        return last and self._converged(self.state)
+        """Whether the last stage has converged."""
+        is_last = self.state.stage + 1 == len(self.options.sharpness)
+        return is_last and self._converged(self.state)
 
     def __next__(self) -> Iterate:
-        """The design that is kept after one step; collective."""
+        """The accepted design after one step."""
         if self.stage_ended(self.state):
-            narrowed = self.next_stage(self.state, self.evaluation)
-            if narrowed is None:
+            sharper = self.next_stage(self.state, self.evaluation)
+            if sharper is None:
                 raise StopIteration
-            self.state, self.evaluation = narrowed
+            self.state, self.evaluation = sharper
         self.state, self.evaluation, accepted, multiplier = self.stepped(
             self.state, self.evaluation
         )
@@ -197,47 +201,47 @@ class LevelSetSteps(Iterator[Iterate]):
         """The first state."""
         phi = {n: evolution.start(start[n]) for n, evolution in self.stages[0].items()}
         state = _State(phi, size=self.options.step)
-        flat = {n: e.bounded(np.zeros(len(phi[n]))) for n, e in self.stages[0].items()}
-        even = replace(state, phi=flat)
-        without = self.value(even)
-        assert without is not None
-        evaluation = self.value(state, _apart(without.psi))
+        even_phi = {n: e.bounded(np.zeros(len(phi[n]))) for n, e in self.stages[0].items()}
+        even = replace(state, phi=even_phi)
+        even_evaluation = self.value(even)
+        assert even_evaluation is not None
+        evaluation = self.value(state, _in_pieces(even_evaluation.psi))
         if evaluation is None:
             warn(
                 "optimize: the start design has fallen apart; the loop begins with an even density "
                 "instead. Take smaller or fewer holes, or raise the volume bound, to which the "
                 "start design is shrunk"
             )
-            state, evaluation = even, without
+            state, evaluation = even, even_evaluation
         self.state, self.evaluation = state, self.differentiate(evaluation, state)
         return self.iterate()
 
     def stepped(
         self, state: _State, evaluation: Evaluation
     ) -> tuple[_State, Evaluation, bool, float]:
-        """The next state, its evaluation, whether the step was kept, and the multiplier."""
+        """The next state, its evaluation, whether the step was accepted, and the multiplier."""
         gradient = evaluation.gradient
         assert gradient is not None
-        due = state.accepted + 1 >= REINITIALIZED
+        reinitialized = state.accepted + 1 >= REINITIALIZED
         moved, multiplier = {}, 0.0
         for name, evolution in self.stages[state.stage].items():
-            phi, own = evolution.step(state.phi[name], gradient[name], state.size)
-            moved[name] = evolution.reinitialize(phi) if due else phi
-            multiplier = max(multiplier, own)
+            phi, of_volume = evolution.step(state.phi[name], gradient[name], state.size)
+            moved[name] = evolution.reinitialize(phi) if reinitialized else phi
+            multiplier = max(multiplier, of_volume)
         trial = replace(state, phi=moved, iteration=state.iteration + 1)
-        found = self.value(trial, evaluation.psi)
-        if found is not None and found.psi < evaluation.psi:
-            found = self.loop.accurate(found, self.densities(trial), trial.iteration)
+        evaluated = self.value(trial, evaluation.psi)
+        if evaluated is not None and evaluated.psi < evaluation.psi:
+            evaluated = self.loop.accurate(evaluated, self.densities(trial), trial.iteration)
             trial.size = min(GROW * state.size, self.options.step)
-            trial.accepted = 0 if due else state.accepted + 1
-            return trial, self.differentiate(found, trial), True, multiplier
-        kept = replace(state, iteration=state.iteration + 1, size=SHRINK * state.size)
-        if due:
-            kept.accepted = 0  # the next trial does without
-        return kept, evaluation, False, multiplier
+            trial.accepted = 0 if reinitialized else state.accepted + 1
+            return trial, self.differentiate(evaluated, trial), True, multiplier
+        shorter = replace(state, iteration=state.iteration + 1, size=SHRINK * state.size)
+        if reinitialized:
+            shorter.accepted = 0  # the next trial is not re-initialised
+        return shorter, evaluation, False, multiplier
 
     def stage_ended(self, state: _State) -> bool:
-        """Whether a sharper projection is due."""
+        """Whether the next stage begins, if there is one."""
         stages = len(self.options.sharpness)
         if state.stage + 1 >= stages:
             return False
@@ -247,22 +251,27 @@ class LevelSetSteps(Iterator[Iterate]):
     def next_stage(self, state: _State, evaluation: Evaluation) -> tuple[_State, Evaluation] | None:
         """The state at the beginning of the next stage; None if it falls apart there."""
         stage = state.stage + 1
-        phi = {n: evolution.bounded(state.phi[n]) for n, evolution in self.stages[stage].items()}
-        size = max(state.size, 0.3 * self.options.step)
-        narrowed = replace(state, phi=phi, stage=stage, since=state.iteration, size=size)
-        found = self.value(narrowed, _apart(evaluation.psi))
-        return None if found is None else (narrowed, self.differentiate(found, narrowed))
+        sharper = replace(
+            state,
+            phi={n: evolution.bounded(state.phi[n]) for n, evolution in self.stages[stage].items()},
+            stage=stage,
+            stage_start=state.iteration,
+            size=max(state.size, 0.3 * self.options.step),
+        )
+        evaluated = self.value(sharper, _in_pieces(evaluation.psi))
+        return None if evaluated is None else (sharper, self.differentiate(evaluated, sharper))
 
     def _converged(self, state: _State) -> bool:
         if state.size < SHORTEST:
             return True
-        # the row in which a stage began still holds the value before it was narrowed
-        if state.iteration - state.since <= WINDOW:
+        # the row in which a stage began has the value of the last stage
+        if state.iteration - state.stage_start <= WINDOW:
             return False
         rows = self.loop.rows
-        before, now = rows[-1 - WINDOW]["psi"], rows[-1]["psi"]
-        # a halved step may well bring a descent that the longer one missed
-        return before - now < self.options.tolerance * abs(before) and rows[-1]["accepted"] > 0
+        earlier_psi, psi = rows[-1 - WINDOW]["psi"], rows[-1]["psi"]
+        # after a rejected step a shorter one may still lower psi
+        is_accepted = rows[-1]["accepted"] > 0
+        return earlier_psi - psi < self.options.tolerance * abs(earlier_psi) and is_accepted
 
     def iterate(self, *, accepted: bool = True, multiplier: float = 0.0) -> Iterate:
         """The state for history and checkpoint."""
@@ -286,13 +295,13 @@ class LevelSetSteps(Iterator[Iterate]):
         common: dict[str, Any] = {"optimizer": "LevelSetEvolution"}
         for name, evolution in self.stages[0].items():
             levelset = evolution.levelset
-            parts = {**levelset.identity(), "sharpness": list(self.options.sharpness)}
-            parts["volume"] = evolution.bound
-            common |= {f"{key} of {name}": value for key, value in parts.items()}
+            entries = {**levelset.identity(), "sharpness": list(self.options.sharpness)}
+            entries["volume"] = evolution.bound
+            common |= {f"{key} of {name}": value for key, value in entries.items()}
         return common
 
     def load(self, data: Mapping[str, Any]) -> None:
-        """Go on from the state of an earlier run, evaluated anew."""
+        """Continue from the state of an earlier run, which is evaluated anew."""
         names = [name for name in _State.__dataclass_fields__ if name != "phi"]
         fields: dict[str, Any] = {name: data[name].item() for name in names}
         state = _State({name: data[f"phi of {name}"] for name in self.stages[0]}, **fields)

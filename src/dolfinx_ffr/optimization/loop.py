@@ -48,17 +48,17 @@ Bounds = Mapping[str, float]
 #: no density is designed. The design is the analysed one, which is eroded near the end of a run.
 COLUMNS = [
     "iteration",  # number, 0 is the start
-    "psi",  # objective of the design that is kept
+    "psi",  # objective of the accepted design
     "volume",  # filled share of the bodies
     "frequency",  # first fixed-interface frequency [Hz]
     "gray",  # share of the bodies' area between void and solid
-    "accepted",  # 1 if the step was kept
+    "accepted",  # 1 if the step was accepted
     "step",  # size of the step (level set: spacings; MMA: largest change, share of the bounds)
     "multiplier",  # of the volume bound
-    "sharpness",  # steepness of the projection from void to solid: 1 is open, 32 is sharp
-    "merit",  # what is minimised: log psi and the penalty of sizes (explicit steps: psi)
-    "modes",  # normal modes of all bodies together
-    "mode_error",  # estimated relative error of psi by the modes left out, when last estimated
+    "sharpness",  # steepness of the projection from void to solid: 1 is gray, 32 is sharp
+    "merit",  # the minimised number: log psi and the penalty of sizes (explicit steps: psi)
+    "modes",  # number of normal modes of all bodies
+    "mode_error",  # last estimate of the relative error of psi by the modes left out
     "outer_gap",  # relative gap of eigenvalues beyond the last mode
     "solver_iterations",  # of the last pullback
     "seconds",  # since the start
@@ -70,21 +70,21 @@ GRADIENT_COLUMNS = [
     "gradient_error",  # true relative error of the gradient, where it was measured
     "gradient_cosine",  # of the angle to the exact gradient
     "gradient_worst",  # largest error of an element relative to the largest derivative
-    "band_error",  # the same three near the active boundary
+    "band_error",  # these three errors near the active boundary
     "band_cosine",
     "band_worst",
 ]
 
-#: Relative difference from which on a resumed psi counts as another problem's; the number of ranks
-#: and the release of DOLFINx change less
-SAME = 1e-6
-#: Constraints hold to this, relative to their bounds
+#: Largest relative difference of psi when a run is resumed; the number of ranks and the release of
+#: DOLFINx change less
+SAME_PSI = 1e-6
+#: Largest violation of a satisfied constraint, relative to its bound
 FEASIBLE = 1e-8
-#: Factor by which psi changes until time steps that were chosen are looked at again
+#: Factor by which psi changes before chosen time steps are judged again
 CHANGED = 2.0
 #: Steepness from which on the densities of a level set are shares of cut elements
 CUT_FROM = 16.0
-#: Share of a body's area between void and solid from which on a design is no part yet
+#: Largest share of a body's area between void and solid of which a part can be made
 GRAY = 0.1
 NAN = float("nan")
 Distance = Callable[[str], Array | None]
@@ -110,15 +110,15 @@ class GradientReport:
     """How the gradient of one body was computed, and how accurate it is.
 
     Attributes:
-        elements: Elements with exact values, on all ranks.
+        elements: Number of elements with exact values, on all ranks.
         share: Their share of the designed elements.
-        selected: Which of this rank's cells they are.
+        selected: Mask of these elements among the cells of this rank.
         estimate: Estimated relative error (Euclidean norm) over the designed elements; 0 for exact
             gradients.
         errors: True errors over the designed elements, where asked for.
         band_errors: True errors over the designed elements near the active boundary, where asked
             for.
-        length: Of the kernel [m].
+        length: Length of the kernel [m].
         condition: Condition number of the interpolation.
     """
 
@@ -169,18 +169,19 @@ class ExactAdjoint:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """What an optimiser has come to by one step.
+    """The accepted design of an optimiser after a step.
 
     Attributes:
         iteration: Number of the step; 0 is the start.
-        x: The design that is kept, by name as for `Problem.value`.
-        evaluation: Of that design.
-        accepted: Whether it is the one that was tried.
+        x: The accepted design, by name as for `Problem.value`.
+        evaluation: Its evaluation.
+        accepted: Whether the step led to it, or was rejected.
         step: Size of the step.
-        sharpness: Of the projection.
-        merit: What is minimised.
-        multiplier: Of the volume bound.
-        state: From which a later run goes on; without one there is no checkpoint.
+        sharpness: Steepness of the projection.
+        merit: The number that is minimised.
+        multiplier: Multiplier of the volume bound.
+        state: Numbers and arrays with which a later run continues; without them there is no
+            checkpoint.
     """
 
     iteration: int
@@ -195,28 +196,30 @@ class Iterate:
 
 
 class OptimizesDesigns(Optimizes, Protocol):
-    """An optimiser of designs, which begins by itself or goes on from a checkpoint."""
+    """An optimiser of designs, which begins at a start or continues from a checkpoint."""
 
     def identity(self) -> dict[str, Any]:
-        """What a checkpoint and the run that reads it must have in common."""
+        """The entries that a checkpoint and the run that reads it must have in common."""
 
     def begin(self, start: Arrays) -> Iterate:
-        """The first iterate, from variables by body; collective."""
+        """The first iterate, from variables by body."""
 
     def load(self, data: Mapping[str, Any]) -> None:
-        """Go on from the state in a checkpoint; collective."""
+        """Continue from the state in a checkpoint."""
 
 
 class DesignLoop:
     """Evaluations, history, checkpoint, progress and interruption of one run.
 
     Its methods take a point x as `Problem.value` does, but always by name: densities of this rank's
-    cells, shape (cells,), of a design without a domain its variables. The ``domains`` are those of
-    the bodies whose density is designed, by name, ``start`` has the variables of the start design
-    where the user gives them; ``problem``, ``gradient``, ``iterations``, ``output``, ``resume``,
-    ``progress``, ``callback`` and ``mode_tolerance`` are those of `optimize`. Where the run is
-    ``followed`` by steps of boundaries, these mend what its design violates. ``webs`` are the
-    thicknesses of webs by name, as shares.
+    cells, shape (cells,), or variables of a design without a domain.
+
+    Args:
+        problem: As for `optimize`, as the arguments that are not listed here.
+        domains: Domains of the bodies whose density is designed, by name.
+        start: Variables of the start design if the user gives them, by name.
+        followed: Whether steps of boundaries follow, which reduce violations of the design.
+        webs: Thicknesses of webs as shares, by name.
     """
 
     def __init__(
@@ -235,14 +238,14 @@ class DesignLoop:
         followed: bool = False,
         webs: Mapping[str, float] | None = None,
     ) -> None:
-        #: With as many modes as the design needed last
+        #: The problem with the number of modes that the last design needed
         self.problem = problem
         self.domains = dict(domains)
         self.webs = dict.fromkeys(domains, 0.0) | dict(webs or {})
         self.gradient = gradient
         self.iterations = iterations
         self.comm: MPI.Comm = ranks_of(problem)
-        #: Iterations of a stage at most, see `plan`
+        #: Largest number of iterations of a stage, see `plan`
         self.stage_iterations = NAN
         self._mode_tolerance, self._followed = mode_tolerance, followed
         self._first_modes = {name: body.modes for name, body in problem.flexible.items()}
@@ -294,13 +297,13 @@ class DesignLoop:
         return self._logarithm
 
     def accurate(self, evaluation: Evaluation, x: Arrays, iteration: int) -> Evaluation:
-        """The ``evaluation`` at ``x``, which is kept, with the time steps and modes that it needs.
+        """The ``evaluation`` of an accepted ``x`` with the time steps and modes that it needs.
 
-        Steps that were chosen are judged anew where psi has changed by much since, modes at every
+        Chosen steps are judged again if psi has changed by a factor of two since, modes at every
         fifth ``iteration``.
         """
-        share = evaluation.psi / self._psi_of_steps
-        if not 1.0 / CHANGED <= share <= CHANGED:
+        ratio = evaluation.psi / self._psi_of_steps
+        if not 1.0 / CHANGED <= ratio <= CHANGED:
             self._psi_of_steps = evaluation.psi
             self.problem, evaluation = with_steps_for(self.problem, x, evaluation)
         if self._mode_tolerance is None or iteration % EVERY:
@@ -312,10 +315,10 @@ class DesignLoop:
         return evaluation
 
     def calibrated(self, evaluation: Evaluation) -> Evaluation:
-        """The ``evaluation`` of a design that is kept, with objectives corrected there.
+        """The ``evaluation`` of an accepted design, with objectives corrected there.
 
         `PeakStress` then is the largest stress, and the next designs are evaluated with its scale.
-        Once done for one design it must be done for all that are kept.
+        It must be called for all accepted designs or for none.
         """
         self._calibrates = True
         self.problem, evaluation = self.problem.calibrated(evaluation)
@@ -330,28 +333,29 @@ class DesignLoop:
     ) -> Evaluation:
         """The ``evaluation`` with its gradient, whose report goes into the history.
 
-        ``distance`` is that from the active boundary, see `GradientMethod`, at an ``iteration``.
-        The ``problem`` that was evaluated is that of the loop, unless another one is given.
+        Args:
+            evaluation: Of the problem, at an accepted design.
+            distance: Distance from the active boundary, see `GradientMethod`.
+            iteration: Number of the iteration.
+            problem: The evaluated problem, if it is not the problem of the loop.
         """
         problem = problem or self.problem
         differentiated, self._reports = self.gradient(problem, evaluation, distance, iteration)
         gradients = {"psi": differentiated.gradient}
-        gradients |= {
-            f"constraint {n!r}": each.gradient for n, each in differentiated.constraints.items()
-        }
+        for name, constraint in differentiated.constraints.items():
+            gradients[f"constraint {name!r}"] = constraint.gradient
         for name, gradient in gradients.items():
-            what = f"optimize: the gradient of {name}"
-            parts = validation.by_name(what, gradient, "numbers")  # type: ignore[arg-type]
+            label = f"optimize: the gradient of {name}"
+            by_body = validation.by_name(label, gradient, "numbers")  # type: ignore[arg-type]
             for body, domain in self.domains.items():
-                validation.real_array(f"{what} by {body!r}", parts.get(body), (domain.n_cells,))
+                validation.real_array(f"{label} by {body!r}", by_body.get(body), (domain.n_cells,))
         return differentiated
 
     def earlier(self, identity: Mapping[str, Any]) -> dict[str, Any] | None:
         """The state of the run that is to be resumed; None if there is none.
 
-        A checkpoint and the run that reads it must have the ``identity`` in common. On every rank
-        it is a ValueError if what the ranks identify differs, and a CheckpointError if the
-        checkpoint is damaged or of another problem.
+        A checkpoint and the run that reads it must have the ``identity`` in common, else it is a
+        CheckpointError. A ValueError is raised if the identity differs between the ranks.
         """
         check_alike(self.comm, "optimize", identity)
         self._identity = dict(identity)
@@ -361,17 +365,16 @@ class DesignLoop:
         data = self.checkpoint.section("design") if self.checkpoint.read() else None
         if data is None:
             if self.checkpoint.resume and (path := self.checkpoint.path):
-                warn(f"optimize: there is no checkpoint {path} to go on from: the run begins anew")
+                warn(f"optimize: there is no checkpoint {path} to resume: the run begins anew")
             return None
         for key, value in self._identity.items():
             if key not in data or not nearly_equal(data[key], value):
                 raise self.checkpoint.of_another_problem(f"it differs in {key!r}")
         self.stage_iterations = float(data.get("stage_iterations", np.nan))
-        began = data.get("start", np.zeros(0))
-        self._other_start = bool(self._start.size and began.size) and not nearly_equal(
-            began, self._start
-        )
-        self._start = began
+        start = data.get("start", np.zeros(0))
+        both_are_given = bool(self._start.size and start.size)
+        self._other_start = both_are_given and not nearly_equal(start, self._start)
+        self._start = start
         modes = dict(zip(self.problem.flexible, map(int, data["modes"]), strict=True))
         if not nearly_equal(self._modes, data["modes"]):
             self.problem = self.problem.with_modes(modes)
@@ -380,39 +383,40 @@ class DesignLoop:
         self.history.restore(data)
         return data
 
-    def plan(self, stages: int, each: int | None) -> None:
-        """Share out the iterations among the stages, where an earlier run has not done so.
+    def plan(self, stages: int, stage_iterations: int | None) -> None:
+        """Divide the iterations among the stages, unless an earlier run has done so.
 
-        So the stages end alike, however often a run is resumed. There are ``stages`` of them, with
-        ``each`` iterations at most; None shares out those of the run.
+        So the stages end after the same iterations, however often a run is resumed. None for the
+        largest number of iterations of a stage divides the iterations of the run.
         """
         if math.isnan(self.stage_iterations):
-            self.stage_iterations = self.iterations / stages if each is None else float(each)
+            shared = self.iterations / stages
+            self.stage_iterations = shared if stage_iterations is None else float(stage_iterations)
 
     def resumed(self, evaluation: Evaluation) -> None:
-        """Go on with the history of an earlier run, whose last design has this ``evaluation``.
+        """Continue the history of an earlier run, whose last design has this ``evaluation``.
 
-        A CheckpointError if psi was another one there.
+        A CheckpointError is raised if psi of the earlier run differs.
         """
-        before, earlier_columns = self.rows[-1]["psi"], self.history.columns
+        earlier_psi, earlier_columns = self.rows[-1]["psi"], self.history.columns
         columns = self._all_columns(evaluation)
-        names = [set(each) - set(GRADIENT_COLUMNS) for each in (earlier_columns, columns)]
-        if names[0] != names[1]:
-            what = "the names of bodies, load cases or constraints"
-            raise self.checkpoint.of_another_problem(f"it differs in {what}")
-        if not abs(evaluation.psi - before) <= SAME * abs(before):
-            raise self.checkpoint.of_another_problem(
-                f"psi of its design was {before:.8g} and is {evaluation.psi:.8g} here"
-            )
         # the earlier run may have approximated its gradient, or this one may begin to do so
+        if (set(earlier_columns) ^ set(columns)) - set(GRADIENT_COLUMNS):
+            raise self.checkpoint.of_another_problem(
+                "it differs in the names of bodies, load cases or constraints"
+            )
+        if not abs(evaluation.psi - earlier_psi) <= SAME_PSI * abs(earlier_psi):
+            raise self.checkpoint.of_another_problem(
+                f"psi of its design was {earlier_psi:.8g} and is {evaluation.psi:.8g} here"
+            )
         columns += [name for name in earlier_columns if name not in columns]
         rows = [{name: row.get(name, NAN) for name in columns} for row in self.rows]
         self.history.columns, self.history.rows = columns, rows
         if self._other_start:
             warn(
-                f"optimize: the run goes on from the checkpoint {self.checkpoint.path}, and the "
-                "start that is given is not the one that it began with: it counts for nothing. "
-                "Leave resume out, or write into another folder, to begin with it"
+                f"optimize: the run continues from the checkpoint {self.checkpoint.path}, and the "
+                "start that is given is not the one that it began with, so it is not used. Leave "
+                "resume out, or write into another folder, to begin with it"
             )
         self._began = perf_counter() - self.rows[-1]["seconds"]
         self.run.advance(int(self.rows[-1]["iteration"]))
@@ -420,19 +424,22 @@ class DesignLoop:
 
     @property
     def _modes(self) -> list[int]:
-        """Normal modes of each body."""
+        """Number of normal modes of each body."""
         return [body.modes for body in self.problem.flexible.values()]
 
     def follow(
-        self, optimizer: OptimizesDesigns, start: Arrays, stages: int, each: int | None
+        self,
+        optimizer: OptimizesDesigns,
+        start: Arrays,
+        stages: int,
+        stage_iterations: int | None,
     ) -> str:
-        """Run an ``optimizer`` from its ``start``, or from a checkpoint; the reason of its end.
+        """Run an ``optimizer`` from its ``start``, or from a checkpoint; return why it ended.
 
-        Each iterate is recorded. The iterations are shared out among ``stages``, with ``each`` at
-        most; None shares out those of the run.
+        Each iterate is recorded. See `plan` for ``stages`` and ``stage_iterations``.
         """
         state = self.earlier(optimizer.identity())
-        self.plan(stages, each)
+        self.plan(stages, stage_iterations)
         if state is None:
             self.record(optimizer.begin(start))
         else:
@@ -445,9 +452,9 @@ class DesignLoop:
         )
 
     def record(self, iterate: Iterate) -> None:
-        """Add an iterate to history, checkpoint and progress, and call back.
+        """Add an iterate to history, checkpoint and progress, and call the user's callback.
 
-        At the start the clock begins to run.
+        The time of a run is counted from its first iterate.
         """
         iteration, x, evaluation = iterate.iteration, iterate.x, iterate.evaluation
         if iteration == 0:
@@ -481,12 +488,12 @@ class DesignLoop:
                 self._callback(iteration, of_problem(x), evaluation)
 
     def _all_columns(self, evaluation: Evaluation) -> list[str]:
-        several = list(self.domains) if len(self.domains) > 1 else []
+        bodies = list(self.domains) if len(self.domains) > 1 else []
         cases = list(evaluation.load_cases) if len(evaluation.load_cases) > 1 else []
         return [
             *COLUMNS,
             *([] if self.gradient.exact else GRADIENT_COLUMNS),
-            *(f"{key} of {name}" for name in several for key in ("volume", "frequency", "gray")),
+            *(f"{key} of {name}" for name in bodies for key in ("volume", "frequency", "gray")),
             *(f"psi of {name}" for name in cases),
             *(f"constraint {label}" for label in evaluation.constraints),
             *evaluation.labelled_values,
@@ -500,7 +507,7 @@ class DesignLoop:
             for name, domain in self.domains.items()
         }
         frequencies = evaluation.fixed_interface_frequencies
-        first = {
+        lowest = {
             name: float(frequencies[name][0]) if len(frequencies[name]) else NAN for name in area
         }
 
@@ -512,7 +519,7 @@ class DesignLoop:
         row = {
             "psi": evaluation.psi,
             "volume": mean(evaluation.volume),
-            "frequency": min(first.values(), default=NAN),
+            "frequency": min(lowest.values(), default=NAN),
             "gray": mean(gray),
             "modes": sum(self._modes),
             "mode_error": self._mode_error,
@@ -521,11 +528,11 @@ class DesignLoop:
             "gradient_elements": sum(report.elements for report in reports),
             "gradient_estimate": worst.estimate if worst else 0.0,
         }
-        for where, key in (("gradient", "errors"), ("band", "band_errors")):
+        for region, key in (("gradient", "errors"), ("band", "band_errors")):
             errors = getattr(worst, key, None) or GradientErrors(NAN, NAN, NAN)
-            row |= {f"{where}_error": errors.l2, f"{where}_cosine": errors.cosine}
-            row[f"{where}_worst"] = errors.worst
-        for key, values in (("volume", evaluation.volume), ("frequency", first), ("gray", gray)):
+            row |= {f"{region}_error": errors.l2, f"{region}_cosine": errors.cosine}
+            row[f"{region}_worst"] = errors.worst
+        for key, values in (("volume", evaluation.volume), ("frequency", lowest), ("gray", gray)):
             row |= {f"{key} of {name}": values[name] for name in area}
         row |= {f"psi of {name}": case.psi for name, case in evaluation.load_cases.items()}
         row |= {f"constraint {label}": c.violation for label, c in evaluation.constraints.items()}
@@ -540,13 +547,18 @@ class DesignLoop:
         volume: Mapping[str, float] | None = None,
         residual: float = NAN,
     ) -> Result:
-        """The design that was kept last, with the history.
+        """The result of the run, with its history.
 
-        The ``designs`` are as sharp as in the last stage; they, their ``variables`` and the upper
-        bounds of the ``volume``, if there are any, are by body. The ``evaluation`` is that of the
-        design, the ``reason`` why the loop ended, the ``residual`` that of the first-order
-        conditions. A sharp level set is evaluated once more with the law of cut elements. A
-        `DesignWarning` names violated constraints, and bodies of which more than a tenth is gray.
+        A sharp level set is evaluated once more with the law of cut elements. A `DesignWarning`
+        names violated constraints, and bodies of which more than a tenth is gray.
+
+        Args:
+            designs: Designs by body, with the sharpness of the last stage.
+            variables: Their variables.
+            evaluation: Their evaluation.
+            reason: Why the loop ended.
+            volume: Upper bounds of the filled shares, by body.
+            residual: Residual of the first-order conditions.
         """
         x = {name: design.point(variables[name]) for name, design in designs.items()}
         dense = {name: design for name, design in designs.items() if isinstance(design, Design)}
@@ -570,10 +582,10 @@ class DesignLoop:
             if name in problem.flexible:  # the others have no density
                 problem.flexible[name].warn_of_missing_modes(reduced)
         bounds = dict(volume or {})
-        over = {f"volume of {n}": final.volume[n] / bound - 1.0 for n, bound in bounds.items()}
-        over |= {name: found.violation for name, found in final.constraints.items()}
-        # what is not a number is no value below a bound
-        violations = {name: value for name, value in over.items() if not value <= FEASIBLE}
+        values = {f"volume of {n}": final.volume[n] / bound - 1.0 for n, bound in bounds.items()}
+        values |= {name: bound.violation for name, bound in final.constraints.items()}
+        # NaN violates a constraint
+        violations = {name: value for name, value in values.items() if not value <= FEASIBLE}
         if violations:
             reason = "interrupted" if reason == "interrupted" else "infeasible"
         if violations and (reason == "interrupted" or not self._followed):
@@ -585,15 +597,15 @@ class DesignLoop:
             )
         densities = {name: x[name] for name in dense}
         # gray cells of a sharp level set are cut by its boundary
-        unsure = set() if reason == "interrupted" else dense.keys() - sharp_bodies
-        for name in (name for name in dense if name in unsure):
+        may_be_gray = set() if reason == "interrupted" else dense.keys() - sharp_bodies
+        for name in (name for name in dense if name in may_be_gray):
             design = dense[name]
             gray = gray_fraction(design.domain, densities[name], design.web)
             remedy = "take smaller elements, or ask for larger minimum sizes"
             if design.sharpness < design.at(1.0).sharpness:
                 remedy = (
                     "give more iterations, as the run ended before the design was sharp "
-                    "(resume=True goes on from here)"
+                    "(resume=True continues from here)"
                 )
             if gray > GRAY:
                 warn(
@@ -601,17 +613,28 @@ class DesignLoop:
                     f"and no part can be cut out of that: {remedy}"
                 )
         history = self.history.arrays()
-        end = (reason, dict(designs), problem, violations, errors, bounds)
-        return Result(densities, dict(variables), final, history, *end, residual=residual)
+        return Result(
+            densities,
+            dict(variables),
+            final,
+            history,
+            reason,
+            dict(designs),
+            problem,
+            violations,
+            errors,
+            bounds,
+            residual=residual,
+        )
 
 
 class Optimizer(Protocol):
     """Updates designs, by the services of a `DesignLoop`."""
 
     def run(self, loop: DesignLoop, designs: Designs, start: Arrays, volume: Bounds) -> Result:
-        """The last design that was kept, with the services of a ``loop``.
+        """Optimise ``designs`` from their ``start`` variables with the services of a ``loop``.
 
-        The ``designs``, their ``start`` variables and the upper bounds of ``volume`` are by name.
-        A ValueError if these do not fit each other, and a SimulationError if not even
-        the motion of the start can be computed.
+        Designs, variables and the upper bounds of ``volume`` are by name. A ValueError is raised if
+        these do not fit each other, and a SimulationError if the motion of the start cannot be
+        computed.
         """

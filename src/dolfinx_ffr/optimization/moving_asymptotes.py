@@ -4,9 +4,9 @@
     min over x of f_0(x)   such that   f_i(x) <= 0,   lower <= x <= upper.
 
 Each function is replaced by r_i + sum_j p_ij / (U_j - x_j) + q_ij / (x_j - L_j), which has its
-value and gradient at the present variables. The asymptotes L and U draw near where a variable
-swings, and move away where it keeps on. The separable convex problem is solved by its dual, which
-has one variable for each constraint.
+value and gradient at the present variables. The asymptotes L and U of a variable come closer when
+it oscillates, and move away when it keeps its direction. The separable convex problem is solved by
+its dual, which has one variable for each constraint.
 
 The largest of several functions is minimised by bounding them,
 
@@ -15,13 +15,13 @@ The largest of several functions is minimised by bounding them,
 in which z has neither bounds nor asymptotes: the subproblem is minimised over it exactly, with a
 quadratic term so weak that it only makes the dual smooth.
 
-A constraint that cannot be met is relaxed at a price (the "elastic" variables of the paper), so
-that each step is defined, and leads towards the feasible side.
+A constraint that cannot be satisfied is relaxed at a price (the "elastic" variables of the paper),
+so that each step is defined, and leads towards the feasible side.
 
-Each approximation of the paper is monotone in each variable, and a function that is not (a density
-is a load and a strength at once) lets it swing. The difference of two gradients gives the second
-derivative by each variable along the last step; where it is larger than that of the approximation,
-both p and q grow until it is met (Bruyneel, Duysinx and Fleury).
+Each approximation of the paper is monotone in each variable. If the function is not, as a density
+is a load and a strength at once, the variable oscillates. The difference of two gradients gives the
+second derivative by each variable along the last step; where it is larger than that of the
+approximation, both p and q are enlarged to match it (Bruyneel, Duysinx and Fleury).
 
 References:
     K. Svanberg, International Journal for Numerical Methods in Engineering 24 (1987),
@@ -39,25 +39,25 @@ from scipy.optimize import nnls
 
 from ..arrays import Array, Mask
 
-#: Distance of the asymptotes in shares of the range: at first, at least, at most
+#: Distance of the asymptotes as a share of the range: at the start, and its bounds
 FIRST, LEAST, MOST = 0.5, 0.01, 10.0
-#: Factors of that distance where a variable keeps its direction, and where it turns round
+#: Factors of that distance if a variable keeps its direction, and if it turns round
 WIDEN, TIGHTEN = 1.2, 0.7
 #: Share of the distance to an asymptote that a step leaves
 MARGIN = 0.1
-#: Curvature where there is no slope, in units of the mean slope
+#: Curvature of a function without a slope, in units of its mean slope
 CURVATURE = 1e-5
-#: Multiplier beyond which a constraint is relaxed rather than met; slopes of log psi are about one
+#: Multiplier above which a constraint is relaxed; slopes of log psi are about one
 PRICE = 1e3
-#: Of the quadratic term of the bound z: it changes the multipliers, whose sum is one, by as much as
-#: this times the change of z, which is that of a logarithm
+#: Factor of the quadratic term of the bound z, which changes the multipliers, whose sum is one, by
+#: this times the change of z, a logarithm
 WEAK = 1e-2
-#: Share of the largest change of a variable from which on its change tells a second derivative;
-#: less is near round-off. Of a hanging bar 0 and 1e-3 take 26 and 23 iterations, 0.1 takes 55.
+#: Least change of a variable, as a share of the largest one, that gives a second derivative; less
+#: is near round-off. With 0 and 1e-3 a hanging bar takes 26 and 23 iterations, with 0.1 55.
 CHANGED = 1e-3
-#: Share of a second derivative that stays where the next is smaller: what the other variables do to
-#: a slope may hide it for a step. With 0 a hanging bar ends 6 % above its optimum and a spinning
-#: one takes 44 iterations in the place of 20; with 0.9 they take 37 and 27 instead of 23 and 20.
+#: Share of the last second derivative below which the next does not fall, as changes of the other
+#: variables may hide it for a step. With 0 a hanging bar ends 6 % above its optimum and a spinning
+#: one takes 44 iterations instead of 20; with 0.9 they take 37 and 27 instead of 23 and 20.
 MEMORY = 0.5
 
 
@@ -71,50 +71,56 @@ class Secants:
 
     @classmethod
     def begin(cls, x: Array, gradients: Array) -> Secants:
-        """The first point, where nothing is known of second derivatives."""
+        """The first point, at which second derivatives are unknown."""
         return cls(x, gradients, np.zeros_like(gradients))
 
-    def next(self, x: Array, gradients: Array, same: Mask | bool = True) -> Secants:
+    def next(self, x: Array, gradients: Array, comparable: Mask | bool = True) -> Secants:
         """The secants that end at another point.
 
-        ``same`` (1 + m,) tells which functions are those of the point before; of the others nothing
-        is known.
+        The mask ``comparable`` (1 + m,) is of the functions that are the same as at the last point;
+        second derivatives of the others are unknown.
         """
         if gradients.shape != self.gradients.shape:
             return Secants.begin(x, gradients)
         change = x - self.x
         largest = np.max(np.abs(change))
-        if largest == 0.0:  # a step was taken back
+        if largest == 0.0:  # a step was rejected
             return self
         changed = np.abs(change) > CHANGED * largest
         quotients = (gradients - self.gradients) / np.where(changed, change, 1.0)
         curvature = np.maximum(quotients, MEMORY * self.curvature)
         curvature = np.where(changed, curvature, self.curvature)
-        known = np.broadcast_to(same, len(gradients))
-        return Secants(x, gradients, np.where(known[:, None], curvature, 0.0))
+        is_known = np.broadcast_to(comparable, len(gradients))
+        return Secants(x, gradients, np.where(is_known[:, None], curvature, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Asymptotes:
-    """Present variables with what the next step needs; it is not changed by a step."""
+    """The state of the method: present and earlier variables, asymptotes, second derivatives.
+
+    A step returns a new state.
+    """
 
     lower: Array
     upper: Array
     x: Array
     move: float = 0.1
-    before: Array | None = None  #: Variables one step earlier, shape (n,)
-    earlier: Array | None = None  #: Two steps earlier, shape (n,)
-    reach: Array | None = None  #: Distance of both asymptotes from ``before``, shape (n,)
-    secants: Secants | None = None  #: Where the functions are the same from step to step
+    previous: Array | None = None  #: Variables one step earlier, shape (n,)
+    second_last: Array | None = None  #: Variables two steps earlier, shape (n,)
+    reach: Array | None = None  #: Distance of both asymptotes from ``previous``, shape (n,)
+    secants: Secants | None = None  #: Given if the functions are the same from step to step
 
     def step(
         self, slope: Array, values: Array, slopes: Array, bounded: int = 0
     ) -> tuple[Asymptotes, Array]:
         """The state at the next variables, and the multipliers of the constraints, shape (m,).
 
-        ``slope`` (n,) is the gradient of the objective, of any scale: multipliers share it.
-        ``values`` (m,) are the f_i, ``slopes`` (m, n) their gradients. The first ``bounded`` of
-        them, of the size of one, are bounded by z, which is minimised beside the objective.
+        Args:
+            slope: Gradient of the objective, shape (n,), of any scale, which multipliers share.
+            values: Values of the f_i, shape (m,).
+            slopes: Their gradients, shape (m, n).
+            bounded: Number of the first f_i, of the size of one, that z bounds; it is minimised
+                together with the objective.
         """
         x, width = self.x, self.upper - self.lower
         reach = self._reach()
@@ -123,30 +129,34 @@ class Asymptotes:
         beta = np.minimum(self.upper, np.minimum(high - MARGIN * reach, x + self.move * width))
         gradients = np.vstack([slope[None, :], slopes.reshape(len(values), len(x))])
         typical = np.mean(np.abs(gradients), axis=1, keepdims=True)
-        bent = 0.001 * np.abs(gradients) + CURVATURE * typical
+        convexity = 0.001 * np.abs(gradients) + CURVATURE * typical
         if self.secants is not None:
-            # p + q = reach^2 (|slope| + 2 bent), and the second derivative is 2 (p + q) / reach^3
+            # the second derivative is 2 (p + q) / reach^3, p + q = reach^2 (|slope| + 2 convexity)
             curvature = self.secants.curvature
-            bent = np.maximum(bent, 0.25 * curvature * reach - 0.5 * np.abs(gradients))
-        p = reach**2 * (np.maximum(gradients, 0.0) + bent)
-        q = reach**2 * (np.maximum(-gradients, 0.0) + bent)
+            convexity = np.maximum(convexity, 0.25 * curvature * reach - 0.5 * np.abs(gradients))
+        p = reach**2 * (np.maximum(gradients, 0.0) + convexity)
+        q = reach**2 * (np.maximum(-gradients, 0.0) + convexity)
         r = values - np.sum((p[1:] + q[1:]) / reach, axis=1)
-        if bounded:  # z from its present value, the largest of the functions
+        if bounded:  # z is measured from its present value, the largest of the functions
             r[:bounded] -= np.max(values[:bounded])
-        found, multipliers = _Subproblem(low, high, alpha, beta, x, p, q, r, bounded).solve()
-        return replace(self, x=found, before=x, earlier=self.before, reach=reach), multipliers
+        minimiser, multipliers = _Subproblem(low, high, alpha, beta, x, p, q, r, bounded).solve()
+        state = replace(self, x=minimiser, previous=x, second_last=self.previous, reach=reach)
+        return state, multipliers
 
-    def retreat(self, kept: Asymptotes) -> Asymptotes:
-        """The state ``kept`` from which this one was reached, with half its reach."""
+    def retreat(self, origin: Asymptotes) -> Asymptotes:
+        """The state ``origin`` of a step that was rejected, with shorter next steps.
+
+        This state is the one that the step led to. Without secants the reach is halved, too.
+        """
         assert self.reach is not None
-        # at the next step, before and earlier alike, the reach stays as it is set here
-        kept = replace(
-            kept,
-            before=kept.x,
-            earlier=kept.x,
+        # as both earlier points are the same, the next step does not change the reach
+        return replace(
+            origin,
+            previous=origin.x,
+            second_last=origin.x,
             reach=(0.5 if self.secants is None else 1.0) * self.reach,
+            move=0.5 * origin.move,
         )
-        return replace(kept, move=0.5 * kept.move)
 
     def possible_gain(
         self,
@@ -157,13 +167,13 @@ class Asymptotes:
         move: float,
         bounded: int = 0,
     ) -> float:
-        """How far the objective can fall at most, to first order, by a change of ``move``.
+        """An upper bound of the fall of the objective, to first order, by a change of ``move``.
 
         The change is in shares of the range, and the constraints are linearised. The other
         arguments are those of `step` and the ``multipliers`` that it has returned. By duality of
-        linear programs the number is an upper bound for any multipliers, and zero where the
-        first-order conditions hold with them. Those of the step are the ones where it ends; where
-        many constraints are active, those that fit the conditions best here give a lower number.
+        linear programs any multipliers give an upper bound, which is zero if the first-order
+        conditions hold with them. The multipliers of a step are those at its end; where many
+        constraints are active, multipliers that fit the conditions here may give a lower bound.
         """
         width = move * (self.upper - self.lower)
         down = np.minimum(width, self.x - self.lower)
@@ -178,7 +188,7 @@ class Asymptotes:
             change = np.where(lagrangian > 0.0, lagrangian * down, -lagrangian * up)
             return float(np.sum(change) - multipliers @ slack)
 
-        if len(values) < 2 or bounded:  # what shares a bound has multipliers whose sum is one
+        if len(values) < 2 or bounded:  # the multipliers of bounded functions have the sum one
             return gain(multipliers)
         free = np.minimum(down, up)
         conditions = np.vstack([(slopes * free).T, np.diag(slack)])
@@ -188,12 +198,11 @@ class Asymptotes:
     def _reach(self) -> Array:
         """The distance of both asymptotes from the present variables."""
         width = self.upper - self.lower
-        if self.before is None or self.reach is None or self.earlier is None:
+        if self.previous is None or self.reach is None or self.second_last is None:
             return FIRST * width
-        swing = (self.x - self.before) * (self.before - self.earlier)
-        factor = np.where(
-            swing > 0.0, WIDEN, np.where(swing < 0.0, TIGHTEN if self.secants is None else 1.0, 1.0)
-        )
+        agreement = (self.x - self.previous) * (self.previous - self.second_last)
+        tighten = TIGHTEN if self.secants is None else 1.0
+        factor = np.where(agreement > 0.0, WIDEN, np.where(agreement < 0.0, tighten, 1.0))
         return np.asarray(np.clip(factor * self.reach, LEAST * width, MOST * width))
 
 
@@ -205,11 +214,11 @@ class _Subproblem:
     high: Array
     alpha: Array
     beta: Array
-    x: Array  #: Where it touches the original one
+    x: Array  #: Point at which values and gradients are those of the original problem
     p: Array  #: Of the objective and each constraint, shape (1 + m, n)
     q: Array
     r: Array  #: (m,)
-    bounded: int = 0  #: How many of the constraints, the first ones, are bounded by z instead of 0
+    bounded: int = 0  #: Number of the first constraints that are bounded by z instead of 0
 
     def solve(self) -> tuple[Array, Array]:
         """The minimiser and the multipliers, by Newton's method for the concave dual."""
@@ -231,14 +240,14 @@ class _Subproblem:
             else:
                 direction[free] = np.linalg.solve(hessian, gradient[free])
             if gradient @ direction <= 1e-15 * max(1.0, abs(dual)):
-                # what is left to gain is round-off of the dual, but not of its gradient
+                # the remaining gain is round-off of the dual, but not of its gradient
                 multipliers = np.maximum(multipliers + direction, 0.0)
                 return self._minimiser(multipliers), multipliers
             size = 1.0
             for _ in range(80):
                 trial = np.maximum(multipliers + size * direction, 0.0)
-                found = self._minimiser(trial)
-                value, slope = self._dual(trial, found)
+                x_trial = self._minimiser(trial)
+                value, slope = self._dual(trial, x_trial)
                 gain = gradient @ (trial - multipliers)
                 if value >= dual + 1e-4 * gain:
                     break
@@ -250,20 +259,21 @@ class _Subproblem:
                 size *= 0.5
             else:
                 break  # as exact as round-off allows
-            multipliers, x, dual, gradient = trial, found, value, slope
+            multipliers, x, dual, gradient = trial, x_trial, value, slope
         return x, multipliers
 
     def _weighted(self, multipliers: Array) -> tuple[Array, Array]:
+        """The coefficients p and q of the Lagrangian, shape (n,) each."""
         weights = np.concatenate([[1.0], multipliers])
         return weights @ self.p, weights @ self.q
 
     def _minimiser(self, multipliers: Array) -> Array:
         """The variables that minimise the Lagrangian."""
-        p, q = (np.sqrt(part) for part in self._weighted(multipliers))
-        both = p + q
-        flat = both == 0.0
-        x = (self.low * p + self.high * q) / np.where(flat, 1.0, both)
-        return np.clip(np.where(flat, self.x, x), self.alpha, self.beta)
+        p, q = map(np.sqrt, self._weighted(multipliers))
+        total = p + q
+        is_flat = total == 0.0
+        x = (self.low * p + self.high * q) / np.where(is_flat, 1.0, total)
+        return np.clip(np.where(is_flat, self.x, x), self.alpha, self.beta)
 
     def _dual(self, multipliers: Array, x: Array) -> tuple[float, Array]:
         """The dual function and its gradient."""
@@ -272,9 +282,9 @@ class _Subproblem:
         constraints = self.r + values[1:]
         dual = values[0] + multipliers @ constraints - 0.5 * relaxed @ relaxed
         if self.bounded:
-            rest = np.sum(multipliers[: self.bounded]) - 1.0
-            dual -= 0.5 * rest**2 / WEAK
-            constraints[: self.bounded] -= rest / WEAK
+            excess = np.sum(multipliers[: self.bounded]) - 1.0
+            dual -= 0.5 * excess**2 / WEAK
+            constraints[: self.bounded] -= excess / WEAK
         return float(dual), constraints - relaxed
 
     def _curvature(self, multipliers: Array, x: Array) -> Array:
@@ -285,19 +295,19 @@ class _Subproblem:
         curvature = 2.0 * (p / above**3 + q / below**3)
         slopes = self.p[1:] / above**2 - self.q[1:] / below**2
         compliance = np.where(moving, 1.0 / np.where(curvature > 0.0, curvature, 1.0), 0.0)
-        found = (slopes * compliance) @ slopes.T + np.diag((multipliers > PRICE).astype(float))
-        found[: self.bounded, : self.bounded] += 1.0 / WEAK
-        return found
+        hessian = (slopes * compliance) @ slopes.T + np.diag((multipliers > PRICE).astype(float))
+        hessian[: self.bounded, : self.bounded] += 1.0 / WEAK
+        return hessian
 
 
 def _ascent(hessian: Array, gradient: Array, multipliers: Array) -> Array:
     """Newton's direction to the maximum of the dual's quadratic model over multipliers >= 0, (m,).
 
-    The sum of the bounded functions' multipliers hardly changes, so that cutting Newton's direction
-    off where one multiplier reaches zero would spoil it for the others. With H = R^T R the model
-    is at its maximum where |R m - R^-T (g + H m_0)| is smallest.
+    The sum of the bounded functions' multipliers hardly changes, so cutting Newton's direction off
+    where one multiplier reaches zero would spoil it for the others. With H = R^T R the maximum of
+    the model minimises |R m - R^-T (g + H m_0)|.
     """
     root = np.linalg.cholesky(hessian).T
-    aim = np.linalg.solve(root.T, gradient + hessian @ multipliers)
-    found, _ = nnls(root, aim)
-    return np.asarray(found - multipliers)
+    target = np.linalg.solve(root.T, gradient + hessian @ multipliers)
+    maximiser, _ = nnls(root, target)
+    return np.asarray(maximiser - multipliers)

@@ -31,13 +31,14 @@ from ..problem import Evaluation, Problem
 from .running import alone_in
 from .trial_failed import TrialFailed
 
-#: Size of the tetrahedra whose cut is the surface of a solid with bores, in widths of their rims,
-#: and the most of them
-_RIM, _TETRAHEDRA = 0.5, 250_000
+#: Size of the tetrahedra whose cut is the surface of a solid with bores, in widths of their rims
+_RIM = 0.5
+#: Largest number of these tetrahedra
+_TETRAHEDRA = 250_000
 
 
 class DesignWarning(UserWarning):
-    """A run that began otherwise than it was asked to, or a result that is not what was wanted."""
+    """A run did not begin as it was asked to, or its result violates what was asked for."""
 
 
 def warn(text: str, stacklevel: int = 4) -> None:
@@ -48,9 +49,10 @@ def warn(text: str, stacklevel: int = 4) -> None:
 def gray_fraction(domain: Domain, x: Array, web: float = 0.0) -> float:
     """The share of a body's area whose density is between 0.1 and 0.9.
 
-    The densities ``x`` are those of this rank's cells of the ``domain``, shape (cells,). Where a
-    ``web`` stays, 0 and 1 stand for its thickness and the full one. A ValueError if densities have
-    the wrong size, are NaN or leave [0, 1].
+    Args:
+        domain: The body.
+        x: Densities of this rank's cells, shape (cells,), in [0, 1].
+        web: Thickness of the web as a share of the part's; densities are then measured from it.
     """
     validation.instance("gray fraction: domain", domain, Domain, "a Domain")
     share = (domain.check_density(x) - web) / (1.0 - web)
@@ -65,25 +67,25 @@ def drawn_of(boundary: Boundary | Surface) -> Part | Solid:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryResult:
-    """What moving boundaries has come to.
+    """The result of moving the boundaries of parts.
 
     Attributes:
-        boundaries: The best ones, by body.
-        problem: On the meshes that fit them.
-        evaluation: There.
+        boundaries: The best boundaries, by body.
+        problem: The problem on meshes that fit these boundaries.
+        evaluation: Its evaluation.
         history: By name, one number for each step taken: ``psi``, ``volume`` as a share of the
             bodies, ``narrowest`` member or gap [m], ``tightest`` radius [m], ``excess`` over a
             bound, ``step`` [m], ``cells``, ``modes``, the ``rejected`` trials, the struts and
-            windows that were ``inserted`` before it and the struts and holes ``removed``; at last
-            those of the best on meshes that resolve notches and walls.
+            windows that were ``inserted`` before it and the struts and holes ``removed``. The last
+            entry is the best trial on meshes that resolve notches and walls.
         reason: Why it ended: "iterations", "no better step", "interrupted", or "terminated" by
             SIGTERM.
         mode_errors: Estimated relative error of psi by the normal modes that each body leaves out.
-        materials: What the boundaries enclose at each step of the history, as polygons [m], by
-            body.
-        violations: As those of `Result`, of the parts.
-        begun: Evaluates the boundaries that it began with, on such meshes; has problem and
-            evaluation.
+        materials: The material within the boundaries at each step of the history, as polygons
+            [m], by body.
+        violations: Violations of bounds and sizes by the parts, as of `Result`.
+        begun: A function that evaluates the first boundaries on such meshes; its result has problem
+            and evaluation.
     """
 
     boundaries: dict[str, Boundary | Surface]
@@ -98,7 +100,7 @@ class BoundaryResult:
 
     @property
     def psi(self) -> float:
-        """Of the parts."""
+        """Objective of the parts."""
         return self.evaluation.psi
 
     @property
@@ -111,12 +113,12 @@ class BoundaryResult:
 
     @property
     def boundary(self) -> Boundary | Surface:
-        """Where one body is designed, its boundary."""
-        found: Boundary | Surface = only(self.boundaries)
-        return found
+        """The boundary of the only body that is designed."""
+        boundary: Boundary | Surface = only(self.boundaries)
+        return boundary
 
     def summary(self) -> dict[str, Any]:
-        """The row of the history that the result is, and how it ended, for `Result.summary`."""
+        """The row of the result in the history, and why it ended, for `Result.summary`."""
         row = int(np.flatnonzero(self.history["psi"] == self.psi)[-1])
         final = {key: float(column[row]) for key, column in self.history.items()}
         return final | {
@@ -135,34 +137,33 @@ class Result(Shown):
     """A design and its history.
 
     Attributes:
-        densities: Of this rank's cells by body, shape (cells,).
-        variables: By body, the same on every rank, shape (size of the design,).
-        evaluation: psi and trajectory of `densities`, by `problem`.
+        densities: Densities of this rank's cells by body, shape (cells,).
+        variables: Variables by body, the same on every rank, shape (size of the design,).
+        evaluation: Evaluation of `densities` by `problem`.
         history: Columns over the iterations.
         reason: Why the loop ended: "converged" (the first-order conditions hold to the optimizer's
             tolerance), "iterations" (none were left), "interrupted", "stalled" (no step lowers psi
-            any more, or only by falling apart, though the conditions do not hold), or "infeasible"
-            (without a design that fulfils all constraints, and of which a part comes).
-        designs: By body, as sharp as at the end: its `Design.density` of the variables is the
-            density.
-        problem: The problem that evaluates the design: for a sharp level set with the law of cut
+            without falling apart, though the conditions do not hold), or "infeasible" (no design
+            satisfies all constraints and makes a part).
+        designs: Designs by body, with the sharpness of the end: `Design.density` of the variables
+            is the density.
+        problem: The problem that evaluates the design, for a sharp level set with the law of cut
             elements.
         violations: Violations relative to the bounds, by name of the constraint ("volume of rod"
-            for a volume); those of the parts, where boundaries were moved, and else the share of
-            material in "loose pieces of rod", which psi counts and the part has not, and 1 for the
-            "part of rod" where none comes of the design. Sizes of parts below the minimum are among
-            them ("rod: thinnest member near (20, 3) mm"), struts that end free, and what `verify`
-            and `finish` have found since.
+            for a volume). If boundaries were moved they are those of the parts; else the share of
+            material in "loose pieces of rod", which is in psi and not in the part, and 1 for the
+            "part of rod" if the design makes no part. Sizes of parts below the minimum are among
+            them ("rod: thinnest member near (20, 3) mm"), struts that end free, and violations
+            that `verify` and `finish` find later.
         mode_errors: Estimated relative error of psi by the normal modes that each body leaves out;
             empty where it was not asked for, NaN where it cannot be estimated.
-        bounds: Upper bounds of the filled shares by body, as `optimize` was given them.
+        bounds: Upper bounds of the filled shares by body, the argument of `optimize`.
         terminated: Whether SIGTERM, as of a batch system, arrived during the run: `finish` then
             makes no parts.
-        residual: By how much, to first order, log psi and the penalty could still fall within the
-            constraints by one step of the largest length, when the last gradient of the loop was
-            computed: zero where the first-order conditions hold; NaN where the optimizer does not
-            tell.
-        moved: What moving the boundaries of the parts has come to, None where they were not moved.
+        residual: Upper bound of the fall of log psi and the penalty, to first order and within the
+            constraints, by one step of the largest length, at the last gradient of the loop: zero
+            if the first-order conditions hold; NaN if the optimizer does not compute it.
+        moved: The result of moving the boundaries of the parts, None if they were not moved.
     """
 
     densities: dict[str, Array]
@@ -183,24 +184,28 @@ class Result(Shown):
     )
 
     def __post_init__(self) -> None:
-        """Give each result violations of its own, as a verification adds to them."""
+        """Copy the violations, as a verification adds to them."""
         object.__setattr__(self, "violations", dict(self.violations))
 
     @property
     def feasible(self) -> bool:
-        """Whether the design fulfils all constraints, and its parts all bounds and sizes."""
+        """Whether the design satisfies all constraints, and its parts all bounds and sizes."""
         return not self.violations
 
     def _shown(self) -> list[tuple[str, str, str]]:
-        told = self.summary()
-        cases = self.final[1].load_cases.values()
-        asked = [case.trajectory.integrator.chosen_for or 0.0 for case in cases if case.trajectory]
-        errors = {"modes left out": told["mode_error"], "time steps": max(asked, default=0.0)}
-        error = ", ".join(f"{share:.1e} by {why}" for why, share in errors.items() if share)
+        summary = self.summary()
+        trajectories = [case.trajectory for case in self.final[1].load_cases.values()]
+        tolerances = [t.integrator.chosen_for or 0.0 for t in trajectories if t]
+        errors = {
+            "modes left out": summary["mode_error"],
+            "time steps": max(tolerances, default=0.0),
+        }
+        error = ", ".join(f"{share:.1e} by {cause}" for cause, share in errors.items() if share)
         sized = self._sized.keys()
-        of = "of the parts" if self.moved or told["volume"].keys() <= sized else "of the densities"
-        rows = [(f"psi {of}", f"{self.psi:.6g}", error)]
-        for name, share in told["volume"].items():
+        psi_is_of_parts = self.moved or summary["volume"].keys() <= sized
+        psi_label = f"psi of the {'parts' if psi_is_of_parts else 'densities'}"
+        rows = [(psi_label, f"{self.psi:.6g}", error)]
+        for name, share in summary["volume"].items():
             bound = f"at most {self.bounds[name]:.1%}" if name in self.bounds else ""
             if name not in sized:
                 rows.append((f"volume of {name}", f"{share:.1%}", bound))
@@ -211,11 +216,11 @@ class Result(Shown):
         rows += [
             (name, f"{share:.2%}", "beyond its bound") for name, share in self.violations.items()
         ]
-        moved = f", {told['boundary']['steps']} steps of the boundary" if self.moved else ""
-        return [*rows, ("iterations", f"{self.iterations}{moved}", f"end: {self.reason}")]
+        steps = f", {summary['boundary']['steps']} steps of the boundary" if self.moved else ""
+        return [*rows, ("iterations", f"{self.iterations}{steps}", f"end: {self.reason}")]
 
     def summary(self) -> dict[str, Any]:
-        """How the run ended, for `write_summary`."""
+        """The numbers of the result and the end of the run, for `write_summary`."""
         final = self.moved or self
         errors = [error for error in final.mode_errors.values() if not np.isnan(error)]
         return {
@@ -230,7 +235,7 @@ class Result(Shown):
             "modes": {name: body.modes for name, body in final.problem.flexible.items()},
             "mode_error": max(errors, default=None),
             **({"dimensions": self.dimensions} if self._sized else {}),
-            **({"parameters": self._told_parameters()} if self.parameters else {}),
+            **({"parameters": self._reported_parameters()} if self.parameters else {}),
             **({"at_bounds": self.at_bounds} if self._sized or self.parameters else {}),
         } | ({"boundary": self.moved.summary()} if self.moved else {})
 
@@ -242,26 +247,26 @@ class Result(Shown):
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the mechanism's parameters by name, where they were designed."""
-        at = self.evaluation.mechanism_parameters
-        return at.values if at is not None and self.evaluation.label else {}
+        parameters = self.evaluation.mechanism_parameters
+        return parameters.values if parameters is not None and self.evaluation.label else {}
 
-    def _told_parameters(self) -> dict[str, dict[str, Any]]:
+    def _reported_parameters(self) -> dict[str, dict[str, Any]]:
         """The parameters with their starts, bounds and units."""
-        at, history, found = self.evaluation.mechanism_parameters, self.history, {}
-        assert at is not None
-        for (name, entry), key in zip(
-            at.entries.items(), self.evaluation.labelled_values, strict=True
-        ):
-            found[name] = {"start": float(history[key][0]), **entry._asdict()}
-        return found
+        parameters = self.evaluation.mechanism_parameters
+        assert parameters is not None
+        columns = zip(parameters.entries.items(), self.evaluation.labelled_values, strict=True)
+        return {
+            name: {"start": float(self.history[column][0]), **entry._asdict()}
+            for (name, entry), column in columns
+        }
 
     @property
     def at_bounds(self) -> dict[str, dict[str, str]]:
-        """Dimensions by body, and parameters, that stand at a bound: "lower" or "upper"."""
-        found = {n: d.at_bounds(self.variables[n]) for n, d in self._sized.items()}
+        """Dimensions by body, and parameters, that are at a bound: "lower" or "upper"."""
+        at_bounds = {n: d.at_bounds(self.variables[n]) for n, d in self._sized.items()}
         if self.parameters and self.evaluation.mechanism_parameters is not None:
-            found[self.evaluation.label] = self.evaluation.mechanism_parameters.at_bounds
-        return found
+            at_bounds[self.evaluation.label] = self.evaluation.mechanism_parameters.at_bounds
+        return at_bounds
 
     @property
     def _sized(self) -> dict[str, DimensionDesign]:
@@ -280,11 +285,11 @@ class Result(Shown):
     def part(self, name: str | None = None) -> Part | Solid:
         """The part that a designed body encloses, of the body's material.
 
-        A `Part` of a body in the plane, a `Solid` of one in space; `Enclosed` describes both. It is
-        made once and kept, as it takes seconds; where its boundary was `moved`, it is that of this
-        boundary. The ``name`` is that of the body, by default the only one. Errors and warnings are
-        those of `Part` and `Solid`; a ValueError if no body of this name was designed, or several
-        are and none is named.
+        It is a `Part` of a body in the plane, a `Solid` of one in space; `Enclosed` describes both.
+        It is made once, as it takes seconds; if its boundary was `moved`, it is the part within
+        this boundary. The ``name`` of the body is by default the only one. Errors and warnings are
+        those of `Part` and `Solid`; a ValueError is raised if no body of this name was designed, or
+        if several are and none is named.
         """
         designs = self._designs_of_parts
         if name is None:
@@ -297,9 +302,9 @@ class Result(Shown):
         return self._parts[name]
 
     def enclosed(self, name: str, **options: Any) -> Part | Solid:
-        """What the design of the body ``name`` encloses on its elements.
+        """The part that the design of the body ``name`` encloses on its elements.
 
-        The ``options`` are those of `Part`; it is made anew each time.
+        The ``options`` are those of `Part`. Each call makes a new part.
         """
         design, body = self.designs[name], self.problem.flexible[name]
         kind: type[Part] | type[Solid] = Solid if body.domain.dimension == 3 else Part
@@ -309,36 +314,35 @@ class Result(Shown):
                 fine = Tetrahedra.finest(body.domain, _RIM * design.hole_rim, _TETRAHEDRA)
                 options = {"surface": fine, **options}
             return kind.of(design, self.variables[name], material=body.material, **options)
-        # all of the body
         assert isinstance(design, DimensionDesign)
-        found = kind(body.domain, lambda x: np.ones(len(x)), material=body.material, **options)
+        whole = kind(body.domain, lambda x: np.ones(len(x)), material=body.material, **options)
         drawing = design.drawing(self.variables[name])
-        if isinstance(found, Part) and drawing is not None:
-            found = found.redrawn(drawing)
-        return found
+        if isinstance(whole, Part) and drawing is not None:
+            return whole.redrawn(drawing)
+        return whole
 
     def verify(self, **options: Any) -> Verification:
         """Evaluate the problem with all designed bodies as parts that fit.
 
-        The ``options`` are those of `verify`; its ``volume`` is that of the run by default. Errors
-        and warnings are those of `part` and `verify`. Bounds that the parts exceed are `violations`
-        from then on, and the result is not `feasible`.
+        The ``options`` are those of `verify`; ``volume`` is by default the bound of the run. Errors
+        and warnings are those of `part` and `verify`. Bounds that the parts exceed are added to
+        `violations`, so that the result is not `feasible`.
         """
         validation.keywords("result.verify", options, verify)
         parts = {name: self.part(name) for name in self._designs_of_parts}
         problem, evaluation = self.final
-        found = verify(problem, parts, evaluation, **{"volume": self.bounds, **options})
-        self.violations.update(found.violations)
-        return found
+        verification = verify(problem, parts, evaluation, **{"volume": self.bounds, **options})
+        self.violations.update(verification.violations)
+        return verification
 
     def finish(self, folder: str | Path, **options: Any) -> Verification | None:
         """Write the parts of all designed bodies for CAD, draw them, and evaluate them.
 
         Args:
             folder: For ``part.svg``, ``.dxf``, ``.step``, ``.stl`` and ``.png``, in space
-                ``solid.stl`` and ``solid.png``, and where the boundary was moved ``boundary.gif``,
-                ``stress_before.png`` and ``stress.png``; of several bodies for folders with their
-                names.
+                ``solid.stl`` and ``solid.png``, and if the boundary was moved ``boundary.gif``,
+                ``stress_before.png`` and ``stress.png``. Several bodies have folders with their
+                names in it.
             options: Those of `verify`.
 
         Returns:
@@ -353,47 +357,49 @@ class Result(Shown):
             DesignWarning: Where there is no verification, with the reason.
             PartWarning: As `verify`, of every bound that the parts exceed.
         """
-        place = validation.path("finish: folder", folder)
+        path = validation.path("finish: folder", folder)
         validation.keywords("result.finish", options, verify)
         if self.terminated:
             warn(
-                "finish: no part is made of this design, as SIGTERM has ended its run: go on with "
-                "optimize(..., resume=True)",
+                "finish: no part is made of this design, as SIGTERM has ended its run: continue "
+                "with optimize(..., resume=True)",
                 2,
             )
             return None
         from ..plotting import animate_boundary, plot_part  # takes a while
 
-        with alone_in(ranks_of(self.problem), place, "finish: folder"):
-            found, names = None, file_names(self._designs_of_parts)
-            folders = {n: place / own if len(names) > 1 else place for n, own in names.items()}
-            for name in self.moved.boundaries if self.moved else ():
-                # first, as a verification may take long, or more memory than there is
+        with alone_in(ranks_of(self.problem), path, "finish: folder"):
+            names = file_names(self._designs_of_parts)
+            folders = {n: path / file if len(names) > 1 else path for n, file in names.items()}
+            # moved parts are written first, as a verification may take long or too much memory
+            moved_bodies = self.moved.boundaries if self.moved else ()
+            for name in moved_bodies:
                 self.part(name).write(folders[name])
+            verification = None
             try:
-                found = self.verify(**options)
+                verification = self.verify(**options)
             except (ValueError, SimulationError) as error:
                 deny(self, self._designs_of_parts, error, 2)
-            moved = dict[str, Path]()
-            for name, at in folders.items():
-                part, title = self._parts.get(name), name
-                if written := self.moved is not None and name in self.moved.boundaries:
-                    part = self.moved.part(name)
-                # the surface of a solid is worth a look in any case
-                if part is None or (found is None and not isinstance(part, Solid)):
+            folders_of_moved = dict[str, Path]()
+            for name, body_folder in folders.items():
+                is_moved = name in moved_bodies
+                part = self.part(name) if is_moved else self._parts.get(name)
+                # a solid is drawn without a verification, too
+                if part is None or (verification is None and not isinstance(part, Solid)):
                     continue
-                if found is not None:
-                    ratio = 1.0 + found.difference
-                    title += f": psi of the {part.kind} is {ratio:.3f} of that of the design"
-                if not written:
-                    part.write(at)
-                plot_part(part, at / f"{part.kind}.png", title=title)
+                title = name
+                if verification is not None:
+                    ratio = 1.0 + verification.difference
+                    title += f": psi of the {part.kind} is {ratio:.3f} of psi of the design"
+                if not is_moved:
+                    part.write(body_folder)
+                plot_part(part, body_folder / f"{part.kind}.png", title=title)
                 if self.moved is not None and name in self.moved.materials:
-                    moved[name] = at
+                    folders_of_moved[name] = body_folder
                     steps = self.moved.materials[name], self.moved.history["psi"]
-                    animate_boundary(part.body, *steps, at / "boundary.gif")
-            self._draw_stress(moved)
-        return found
+                    animate_boundary(part.body, *steps, body_folder / "boundary.gif")
+            self._draw_stress(folders_of_moved)
+        return verification
 
     def _draw_stress(self, folders: Mapping[str, Path]) -> None:
         """Draw the stress of parts before and after the steps of their boundaries."""
@@ -402,13 +408,13 @@ class Result(Shown):
         from ..plotting import plot_stress
 
         try:
-            for told, when, file in (
+            for trial, time, file in (
                 (self.moved.begun(), "before", "stress_before.png"),
                 (self.moved, "after", "stress.png"),
             ):
                 for name, folder in folders.items():
-                    body, title = told.problem.flexible[name], f"{name} {when} boundary steps"
-                    worst = worst_stress(body, told.evaluation, name)
+                    body, title = trial.problem.flexible[name], f"{name} {time} boundary steps"
+                    worst = worst_stress(body, trial.evaluation, name)
                     plot_stress(body.domain, worst, folder / file, title=title)
         except (TrialFailed, ValueError, SimulationError) as error:
             warn(f"finish: the stress is not drawn ({error})", 3)
@@ -420,10 +426,9 @@ class Result(Shown):
 
     @cached_property
     def lower_bound(self) -> LowerBound:
-        """What psi of every part must be at least, see `bound`; the first time takes some seconds.
+        """A number below psi of every part, see `bound`; the first call takes some seconds.
 
-        It holds for the bounds of the volume that the run had. Collective; a ValueError on every
-        rank says why there is none.
+        It holds for the bounds of the volume of the run. A ValueError says why there is none.
         """
         for name, design in self.designs.items():
             if not isinstance(design, Design):
@@ -435,12 +440,12 @@ class Result(Shown):
 
     @property
     def gap(self) -> float:
-        """By what share psi is above the `lower_bound` at most; it raises what that raises."""
+        """Largest share by which psi may be above that of the best part, see `lower_bound`."""
         return self.lower_bound.gap(self.psi)
 
     @property
     def final(self) -> tuple[Problem, Evaluation]:
-        """The problem of the parts that were moved, else of the densities, and its evaluation."""
+        """The problem and the evaluation of moved parts, or else of the densities."""
         return (self.moved or self).problem, (self.moved or self).evaluation
 
     @property
@@ -455,7 +460,7 @@ class Result(Shown):
 
 
 def deny(result: Result, names: Collection[str], error: Exception, stacklevel: int) -> None:
-    """Warn that no part comes of the designs of some bodies, which is a violation of each."""
+    """Warn that the designs of some bodies make no part, which is a violation of each."""
     result.violations.update({f"part of {name}": 1.0 for name in names})
     warn(
         f"no part comes of the design of {', '.join(map(repr, names))}, so it is not feasible: "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the loop asks of an optimiser: an iterator, whose state can be kept and restored."""
+"""The protocols of optimisers: iterators of designs or boundaries, with a state that is stored."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..problem import Evaluation, Problem
 AnyBoundary = Boundary | Surface | MovingBoundary
 
 
-#: Violation of bounds and of minimum sizes up to which a trial may be the best one: the accuracy of
-#: sizes and of a mesh
+#: Largest violation of bounds and minimum sizes of a feasible trial, the accuracy of sizes and of a
+#: mesh
 FEASIBLE = 2e-3
 
 
 class AskedSizes(NamedTuple):
-    """Sizes that were asked for of one boundary [m]."""
+    """The sizes that the user asks for, of one boundary [m]."""
 
     member: float  #: Minimum member
     gap: float  #: Minimum gap, 0 where there is none
@@ -31,39 +31,39 @@ class AskedSizes(NamedTuple):
 
 
 class BoundaryTrial(Protocol):
-    """Boundaries with the meshes that fit them, and what was computed there."""
+    """Boundaries with the meshes that fit them, and the evaluation there."""
 
     @property
     def boundaries(self) -> Mapping[str, Any]:
-        """By body."""
+        """The boundaries, by body."""
 
     @property
     def parts(self) -> dict[str, Part | Solid]:
-        """What they enclose, by body."""
+        """The parts within the boundaries, by body."""
 
     @property
     def materials(self) -> dict[str, BaseGeometry]:
-        """The same as polygons [m], by body in the plane."""
+        """The parts as polygons [m], by body in the plane."""
 
     @property
     def asked(self) -> dict[str, AskedSizes]:
-        """Sizes that were asked for, by body."""
+        """The sizes that the user asks for, by body."""
 
     @property
     def problem(self) -> Problem:
-        """On these meshes."""
+        """The problem on these meshes."""
 
     @property
     def evaluation(self) -> Evaluation:
-        """Of the parts."""
+        """The evaluation of the parts."""
 
     @property
     def violations(self) -> dict[str, float]:
-        """Of constraints and volumes, negative where they are satisfied."""
+        """Violations of constraints and volumes, negative where they are satisfied."""
 
     @property
     def with_margins(self) -> dict[str, float]:
-        """The same with the safety margins that steps keep."""
+        """Violations plus the safety margins of the steps."""
 
     @property
     def violation(self) -> float:
@@ -77,14 +77,14 @@ class BoundaryTrial(Protocol):
 class BoundarySteps(Protocol):
     """Steps of the boundaries of parts: an iterator of trials that ends where no step is better.
 
-    It is made from the boundaries that are handed over, or from the state of an earlier run.
+    It begins at boundaries, or with the state of an earlier run.
     """
 
-    reason: str  #: Why no step follows, where none does
+    reason: str  #: Why the iterator ends
     converged: bool  #: Always false, as boundaries end where no step is better
-    number: int  #: Of the step that was taken last
+    number: int  #: Number of the step that was taken last
     last: int  #: Number of the last step, which is followed by finer meshes
-    row: dict[str, float]  #: Of the history, for the present trial
+    row: dict[str, float]  #: Row of the history for the present trial
 
     @property
     def trial(self) -> BoundaryTrial:
@@ -92,42 +92,42 @@ class BoundarySteps(Protocol):
 
     @property
     def mode_errors(self) -> dict[str, float]:
-        """Of psi of the best trial, by the modes that bodies leave out."""
+        """Errors of psi of the best trial by the modes that bodies leave out."""
 
     @property
     def first(self) -> Callable[[], Any]:
-        """Evaluates the boundaries at the start on finer meshes."""
+        """A function that evaluates the first boundaries on finer meshes."""
 
     @property
     def still(self) -> float:
-        """Largest change of psi by finer meshes that is not worth a warning."""
+        """Largest change of psi by finer meshes without a warning."""
 
     def __iter__(self) -> Iterator[Any]:
         """The steps themselves."""
 
     def __next__(self) -> Any:
-        """The trial after one step; collective."""
+        """The trial after one step."""
 
     def rank(self, trial: Any) -> tuple[bool, float]:
-        """Which of several trials is the best: the one of the least rank."""
+        """The rank of a trial, which is least for the best one."""
 
     def row_of(self, trial: Any) -> dict[str, float]:
-        """The row of the history for a trial that no step has led to."""
+        """The row of the history for a trial on finer meshes."""
 
     def refined(self) -> tuple[Any, float]:
         """The best trial on finer meshes, and how much psi changed from one to the next."""
 
     def tighten(self, fine: Any) -> bool:
-        """Tighten the bounds that only ``fine`` meshes of the best trial exceed; if there are any.
+        """Enlarge the margins of bounds that only ``fine`` meshes of the best trial exceed.
 
-        The steps then go on from the best trial.
+        Returns whether there are any. The steps then continue from the best trial.
         """
 
     def remarks(self, trial: Any) -> list[str]:
-        """What is to be said of a result, besides bounds and sizes of its parts."""
+        """Sentences for warnings of a result, besides bounds and sizes of its parts."""
 
     def state(self) -> dict[str, Any]:
-        """All that the next step depends on, as arrays by name."""
+        """The state on which the next step depends, as arrays by name."""
 
 
 def safety_margins(
@@ -147,32 +147,32 @@ def safety_margins(
 
 
 def with_prefix(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values by names that begin with a word."""
+    """The values by names that begin with a prefix."""
     return {f"{prefix} {name}": value for name, value in values.items()}
 
 
 def without_prefix(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values whose names begin with a word, by names without it."""
+    """The values whose names begin with a prefix, by names without it."""
     start = f"{prefix} "
     return {n.removeprefix(start): v for n, v in values.items() if n.startswith(start)}
 
 
 def numbers_by_name(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
-    """The numbers of a state whose names begin with a word."""
+    """The numbers of a state whose names begin with a prefix, by names without it."""
     return {name: float(value) for name, value in without_prefix(prefix, values).items()}
 
 
 class Optimizes(Protocol):
-    """An optimiser: an iterator of what it comes to."""
+    """An optimiser: an iterator of iterates."""
 
-    reason: str  #: Why no step follows, where none does
+    reason: str  #: Why the iterator ends
 
     @property
     def converged(self) -> bool:
-        """Whether what it has come to is what it looks for."""
+        """Whether the last iterate satisfies the conditions of an optimum."""
 
     def __next__(self) -> Any:
-        """What it comes to by one step; collective."""
+        """The iterate after one step."""
 
 
 def follow(
@@ -181,10 +181,10 @@ def follow(
     stopped: Callable[[], str],
     goes_on: Callable[[], bool],
 ) -> str:
-    """Record each iterate of an optimiser until it ends; the reason why it has ended.
+    """Record each iterate of an optimiser until it ends; return the reason of the end.
 
-    It ends where it has converged, where it has taken all steps, as ``goes_on`` tells, where the
-    user has ``stopped`` it, or where no step follows.
+    It ends when it has converged, when no steps are left (``goes_on`` is false), when the user has
+    ``stopped`` it for a reason, or when no step follows.
     """
     while not optimizer.converged:
         if not goes_on():
