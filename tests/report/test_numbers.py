@@ -57,9 +57,9 @@ def test_scale(unit: str, value: float, text: str) -> None:
 
 def test_chosen_numbers_and_percent() -> None:
     """Chosen numbers end without zeros."""
-    texts = [Scale("m", 1.0).given(v) for v in (0.4, 0.0125, 1e-9)]
+    texts = [Scale("m", 1.0).without_zeros(v) for v in (0.4, 0.0125, 1e-9)]
     assert texts == ["400", "12.5", "1.00000 × 10⁻⁶"]
-    assert Scale("", 1.0).given(1000.0) == "1000"
+    assert Scale("", 1.0).without_zeros(1000.0) == "1000"
     shares = {0.0519: "5.2", -0.12: "−12", 6.5e-4: "0.065", 1e-9: "< 0.0001", 0.0: "0"}
     assert {share: percent(share) for share in shares} == shares
     assert [percent(v, sign=True) for v in (0.1, -0.1, 0.0)] == ["+10", "−10", "0"]

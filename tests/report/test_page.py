@@ -49,7 +49,7 @@ SAID = """Rod <no. 7> & slider | 4 March 2026, 05:06 | 2 MPI ranks |
 Constraints are violated: volume of rod by 2.0 %. |
 No part has less than 0.408 of the full rod's psi. |
 ψ of the part 33.00 µJ s reported 30.00 µJ s |
-ψ relative 55.0 % of that of the full rod | Narrowest gap 20.0 mm | Thinnest member 10.0 mm |
+ψ relative 55.0 % of ψ of the full rod | Narrowest gap 20.0 mm | Thinnest member 10.0 mm |
 Area 12 000 mm² | Mass 0.9420 kg | Part, triangles of 2.50 mm 33.000 µJ s +10.0 |
 8.0 % of the area is neither void nor solid | Normal modes left out 0.13 0.039 |
 Time step 0.020 0.0060 | volume of rod 0.5100 0.5200 at most 0.5 |

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The files of a results folder, what a run has recorded there, and a list of what is missing."""
+"""The files of a results folder, the record of its run, and a list of missing entries."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..files import file_names
 from ..io import read_history
 from .numbers import Scale, aligned, real
 
-#: Pictures that demos leave, what they show, and the function of `plotting` that draws them
+#: Pictures of demos, with a caption and the function of `plotting` that draws them
 PICTURES = {
     "scene.png": ("The mechanism at one instant of its motion.", "plot_scene"),
     "design.png": ("Densities of the design: solid is black, void is white.", "plot_design"),
@@ -28,14 +28,17 @@ PICTURES = {
     "boundary.gif": ("The boundary of the part as it moves.", "animate_boundary"),
     "motion.gif": ("The mechanism in motion.", "animate_motion"),
     "stress.png": ("Largest von Mises stress over the motion.", "plot_stress"),
-    "stress_before.png": ("The same before the boundary of the part was moved.", "plot_stress"),
+    "stress_before.png": (
+        "Largest von Mises stress before the boundary of the part was moved.",
+        "plot_stress",
+    ),
     "modes.png": ("Shape functions of the body.", "plot_modes"),
 }
-#: Pictures that every run can have; others are not missed
-_WANTED = ("scene.png", "motion.gif", "design.png")
-#: Drawn by the report itself
-_OWN = ("history.png", "history.svg")
-#: Bytes of pictures that a page holds
+#: Pictures that are reported as missing
+_EXPECTED = ("scene.png", "motion.gif", "design.png")
+#: Pictures of the history, which the report draws itself
+_OF_HISTORY = ("history.png", "history.svg")
+#: Largest size of all pictures on a page [bytes]
 LIMIT = 3_300_000
 Row = Sequence[str]
 
@@ -53,7 +56,7 @@ class Picture:
 
 @dataclass
 class Folder:
-    """Files of a run, as far as they exist and are sound."""
+    """The usable files of a run."""
 
     path: Path
     record: dict[str, Any]  #: Content of summary.json
@@ -69,9 +72,9 @@ class Folder:
         if not summary.is_file() and not history.is_file():
             below = [f.parent for f in sorted(path.glob("*/summary.json"))]
             hint = f"; there are runs in {', '.join(map(str, below[:5]))}" if below else ""
-            what = "is no folder" if not path.is_dir() else "holds no run"
+            problem = "is no folder" if not path.is_dir() else "holds no run"
             raise FileNotFoundError(
-                f"report: {str(path)!r} {what}: neither summary.json nor history.csv is there"
+                f"report: {str(path)!r} {problem}: neither summary.json nor history.csv is there"
                 f"{hint}. Give the folder that a demo wrote to, for example results/slider_crank "
                 "(make demo)"
             )
@@ -97,7 +100,7 @@ class Folder:
         file = self.path / name
         caption_of_kind, made_by = PICTURES.get(name, ("", ""))
         if not file.is_file():
-            if name in _WANTED:
+            if name in _EXPECTED:
                 self.missing.append(f"{name}: {caption_of_kind[:-1].lower()} (plotting.{made_by})")
             return None
         content = file.read_bytes()
@@ -106,34 +109,34 @@ class Folder:
             with Image.open(io.BytesIO(content), formats=("PNG", "GIF")) as image:
                 kind, (width, height) = str(image.format), image.size
                 image.load()
-                still = _still(image) if getattr(image, "is_animated", False) else b""
+                first_frame = _still(image) if getattr(image, "is_animated", False) else b""
         except Image.DecompressionBombError:
             self.missing.append(f"{name}: it has too many pixels")
             return None
         except (OSError, SyntaxError, UnidentifiedImageError, ValueError):
             self.missing.append(f"{name}: the file is damaged")
             return None
-        if self._bytes + len(content) + len(still) > LIMIT:
-            consequence = "only its first frame is shown" if still else "it is left out"
+        if self._bytes + len(content) + len(first_frame) > LIMIT:
+            consequence = "only its first frame is shown" if first_frame else "it is left out"
             self.missing.append(
                 f"{name}: with {len(content) / 1e6:.1f} MB it would make the page too large; "
                 f"{consequence}"
             )
-            if not still:
+            if not first_frame:
                 return None
-            content, kind, still = still, "PNG", b""
-        self._bytes += len(content) + len(still)
+            content, kind, first_frame = first_frame, "PNG", b""
+        self._bytes += len(content) + len(first_frame)
         words = re.sub(r"[_-]+", " ", Path(name).stem).strip()
         caption = caption_of_kind or f"{words[:1].upper()}{words[1:]}."
-        still_source = data_uri(still, "image/png") if still else ""
+        first_frame_source = data_uri(first_frame, "image/png") if first_frame else ""
         return Picture(
-            caption, data_uri(content, f"image/{kind.lower()}"), width, height, still_source
+            caption, data_uri(content, f"image/{kind.lower()}"), width, height, first_frame_source
         )
 
     def further_pictures(self) -> list[Picture]:
-        """Pictures of the folder that the report does not know."""
+        """Pictures of the folder that are not among `PICTURES`."""
         names = sorted(f.name for f in self.path.iterdir() if f.suffix.lower() in {".png", ".gif"})
-        further = [n for n in names if n not in (*PICTURES, *_OWN) and not n.startswith(".")]
+        further = [n for n in names if n not in (*PICTURES, *_OF_HISTORY) and not n.startswith(".")]
         return [picture for name in further if (picture := self.picture(name)) is not None]
 
     def drawing_of(self, body: str, *, alone: bool) -> Path | None:
@@ -190,7 +193,7 @@ class Table:
     caption: str
     head: Sequence[str]
     rows: Sequence[Row]
-    numeric: frozenset[int]  #: Columns whose points stand below each other
+    numeric: frozenset[int]  #: Columns whose decimal points are aligned
     note: str = ""
 
     @staticmethod
@@ -210,7 +213,7 @@ class Table:
 
 
 class Run:
-    """A folder while it is turned into sections."""
+    """A folder, with the values that several sections of its report use."""
 
     def __init__(self, folder: Folder) -> None:
         self.folder, self.record = folder, folder.record
@@ -218,13 +221,13 @@ class Run:
         self.psi_unit = str(objective.get("unit") or "")
         self.objective = words(str(objective.get("name") or "objective"))
         self.verification = self.mapping("verification")
-        #: Whether the boundary of the part was moved: what is reported then is the part
+        #: Whether the boundary of the part was moved; then the report is about the part
         self.moved = bool(self.record.get("boundary"))
         self.references = {k: v for k, v in self.mapping("references").items() if real(v)}
         self.bounds = {
-            name: given["bound"]
-            for name, given in self.mapping("constraints").items()
-            if name.startswith("volume of ") and isinstance(given, dict) and real(given["bound"])
+            name: entry["bound"]
+            for name, entry in self.mapping("constraints").items()
+            if name.startswith("volume of ") and isinstance(entry, dict) and real(entry["bound"])
         }
         psis = [self.record.get("psi"), self.verification.get("part"), *self.references.values()]
         self.psi = Scale(self.psi_unit, max([abs(p) for p in psis if real(p)], default=None))

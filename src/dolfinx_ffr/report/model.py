@@ -42,7 +42,7 @@ def parts(run: Run) -> list[dict[str, Any]]:
     """Name, outline and table of each part."""
     recorded = run.mapping("parts")
     sections = []
-    for name, part in recorded.items():
+    for name, recorded_part in recorded.items():
         file, outline = run.folder.drawing_of(name, alone=len(recorded) == 1), None
         if file is None:
             run.missing(f"part.svg: the drawing of the part {name} (Part.write)")
@@ -51,7 +51,9 @@ def parts(run: Run) -> list[dict[str, Any]]:
                 outline = read_outline(file)
             except ValueError as error:
                 run.missing(f"{file.name}: the drawing of the part {name} cannot be used ({error})")
-        sections.append({"name": name, "outline": outline, "table": _dimensions(name, part)})
+        sections.append(
+            {"name": name, "outline": outline, "table": _dimensions(name, recorded_part)}
+        )
     return sections
 
 
@@ -73,8 +75,8 @@ def _dimensions(name: str, part: Mapping[str, Any]) -> Table | None:
     def row(quantity: str, value: Any, unit: str, digits: int = 4) -> None:
         rows.append((quantity, *Scale.of(unit, value, digits)))
 
-    left, bottom, right, top = part["bounds"]
-    length, height = right - left, top - bottom
+    x_min, y_min, x_max, y_max = part["bounds"]
+    length, height = x_max - x_min, y_max - y_min
     row("Length, along x", length, "m")
     row("Height, along y", height, "m")
     row("Thickness", part.get("thickness"), "m")
@@ -107,7 +109,7 @@ def scene(run: Run) -> dict[str, Any]:
         for key, value in material.items():
             quantity, unit = _MATERIAL.get(key, (key, ""))
             scale = Scale(unit, value)
-            materials.append((name, model, quantity, scale.given(value), scale.name))
+            materials.append((name, model, quantity, scale.without_zeros(value), scale.name))
     return {
         "text": str(recorded.get("text") or ""),
         "integrator": _integration(recorded),
@@ -153,7 +155,7 @@ def _integration(recorded: Mapping[str, Any]) -> str:
     method = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", str(recorded["integrator"]))
     text = f"{method} of order {recorded.get('order', NOTHING)}"
     if real(recorded.get("duration")):
-        text += f", {Scale('', 1).given(recorded['duration'])} s"
+        text += f", {Scale('', 1).without_zeros(recorded['duration'])} s"
     if recorded.get("steps"):
         text += f" in {fixed(recorded['steps'])} steps"
     return text

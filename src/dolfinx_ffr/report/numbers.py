@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Numbers as a reader wants them: with few digits, a unit of the right size, and aligned points."""
+"""Numbers for readers: few digits, a unit of the right size, and aligned points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, TypeGuard
 
 from .. import validation
 
-#: Stands for what is not known
+#: Text for a number that is not known
 NOTHING = "–"
 #: Spaces as wide as a digit and as a point
 _DIGIT, _POINT = "\u2007", "\u2008"
@@ -27,13 +27,13 @@ def real(value: Any) -> TypeGuard[float]:
 
 
 class Scale:
-    """A unit of a size that suits a number, or the largest of several; ``unit`` is that of SI."""
+    """A unit that suits the size of a number, or of the largest of several, for an SI ``unit``."""
 
     def __init__(self, unit: str, value: Any) -> None:
         size = abs(float(value)) if real(value) else 0.0
-        #: Its name
+        #: Name of the unit
         self.name = unit.replace("^2", "²").replace("^3", "³")
-        #: How many of it are one of SI
+        #: Size of the SI unit in this unit
         self.factor = 1.0
         if unit in _USUAL:
             self.name, self.factor = _USUAL[unit]
@@ -44,11 +44,13 @@ class Scale:
         elif unit == "Hz" and size < 1e5:
             pass
         elif unit in _PREFIXED and size > 0.0 and not 0.1 <= size < 1e3:
-            large, prefix = next((p for p in _PREFIXES if size >= 0.999999 * p[0]), _PREFIXES[-1])
-            self.name, self.factor = prefix + self.name, 1.0 / large
+            size_of_prefix, prefix = next(
+                (p for p in _PREFIXES if size >= 0.999999 * p[0]), _PREFIXES[-1]
+            )
+            self.name, self.factor = prefix + self.name, 1.0 / size_of_prefix
 
     def text(self, value: Any, digits: int = 4) -> str:
-        """A number of SI in this unit, with so many digits that count."""
+        """A number of SI in this unit, with a number of significant digits."""
         return fixed(value * self.factor, digits) if validation.is_number(value) else NOTHING
 
     @staticmethod
@@ -57,8 +59,8 @@ class Scale:
         scale = Scale(unit, value)
         return scale.text(value, digits), scale.name
 
-    def given(self, value: Any) -> str:
-        """A number of SI that was chosen and not computed: without zeros at its end."""
+    def without_zeros(self, value: Any) -> str:
+        """A number of SI in this unit without zeros at its end, for numbers that users choose."""
         text = self.text(value, 6)
         return text if "×" in text or "." not in text else text.rstrip("0").rstrip(".")
 
@@ -79,10 +81,10 @@ def fixed(value: Any, digits: int = 4) -> str:
         return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPTS)}".replace("-", "−")
     else:
         text = f"{value:.{max(digits - 1 - exponent, 0)}f}"
-    whole, point, part = text.lstrip("-").partition(".")
-    if len(whole) > 4:  # thin spaces between thousands
-        whole = f"{int(whole):,}".replace(",", "\u202f")
-    return ("−" if value < 0 else "") + whole + point + part
+    integer_part, decimal_point, decimals = text.lstrip("-").partition(".")
+    if len(integer_part) > 4:  # thin spaces between thousands
+        integer_part = f"{int(integer_part):,}".replace(",", "\u202f")
+    return ("−" if value < 0 else "") + integer_part + decimal_point + decimals
 
 
 def percent(value: Any, digits: int = 2, *, sign: bool = False) -> str:
@@ -97,9 +99,12 @@ def percent(value: Any, digits: int = 2, *, sign: bool = False) -> str:
 
 def aligned(texts: Sequence[str]) -> list[str]:
     """Numbers of a column, filled on the right so that their points stand below each other."""
-    parts = [None if "×" in text else text.partition(".")[2] for text in texts]
-    most = max((len(part) for part in parts if part), default=0)
-    if not most:
+    decimals = [None if "×" in text else text.partition(".")[2] for text in texts]
+    longest = max((len(digits) for digits in decimals if digits), default=0)
+    if not longest:
         return list(texts)
-    rests = ["" if p is None else ("" if p else _POINT) + _DIGIT * (most - len(p)) for p in parts]
-    return [text + rest for text, rest in zip(texts, rests, strict=True)]
+    fillings = [
+        "" if digits is None else ("" if digits else _POINT) + _DIGIT * (longest - len(digits))
+        for digits in decimals
+    ]
+    return [text + filling for text, filling in zip(texts, fillings, strict=True)]

@@ -102,19 +102,19 @@ def run_record(
 ) -> dict[str, Any]:
     """The entries of summary.json for the report of a run, for `write_summary`.
 
-    It is about the parts, where boundaries were moved, else about the densities. It estimates the
-    errors of the model and recovers the stress, which takes a few simulations; where the estimate
+    They are about the parts if boundaries were moved, else about the densities. The errors of the
+    model are estimated and the stress is recovered, which takes a few simulations; if the estimate
     fails, a warning is recorded.
 
     Args:
-        result: What `optimize` returned.
+        result: The result of `optimize`.
         title: Heading of the report.
-        parts: By name of the body, what the designs enclose.
-        verification: What `verify` found of these parts.
-        warnings: Those of the run, from `recorded_warnings`.
+        parts: The parts that the designs enclose, by name of the body.
+        verification: The result of `verify` for these parts.
+        warnings: Warnings of the run, from `recorded_warnings`.
         references: psi of other designs by name; psi is given relative to the first one, for
             example that of the full body.
-        volume: Upper bound of the volume; by default that which `optimize` was given.
+        volume: Upper bound of the volume; by default the argument of `optimize`.
 
     Returns:
         Numbers, texts, lists and mappings that JSON can hold, the same on every rank.
@@ -126,11 +126,11 @@ def run_record(
     if volume is None:
         volume = result.bounds
     bounds = volume if isinstance(volume, Mapping) else dict.fromkeys(result.densities, volume)
-    for what, names in (("parts", planar_parts), ("volume", bounds)):
+    for argument, names in (("parts", planar_parts), ("volume", bounds)):
         if unknown := sorted(set(names) - set(bodies)):
             raise ValueError(
-                f"run_record: {what} are given for {unknown}, and the bodies with a density are "
-                f"{sorted(bodies)}"
+                f"run_record: {argument} are given for {unknown}, and the bodies with a density "
+                f"are {sorted(bodies)}"
             )
     if verification is not None:
         needed = "what verify() returned"
@@ -152,7 +152,7 @@ def run_record(
         "stress": _stress(problem, evaluation),
         "scene": _scene(problem, evaluation, warning_entries),
         "parts": on_rank_0(
-            problem.comm, lambda: {n: _part(part) for n, part in planar_parts.items()}
+            problem.comm, lambda: {name: _part(part) for name, part in planar_parts.items()}
         ),
         "verification": None if verification is None else _verification(verification),
         "bound": _bound(result, evaluation.psi if verification is None else verification.psi),
@@ -163,12 +163,12 @@ def run_record(
         "ranks": problem.comm.size,
         "seconds": float(result.history["seconds"][-1]),
     }
-    same_on_all: dict[str, Any] = problem.comm.bcast(plain(record), root=0)
-    return same_on_all
+    of_root: dict[str, Any] = problem.comm.bcast(plain(record), root=0)
+    return of_root
 
 
 def _bound(result: Result, psi: float) -> dict[str, Any]:
-    """The lower bound beside ``psi``, or why there is none."""
+    """The lower bound and its gap to ``psi``, or the reason why there is none."""
     try:
         return result.lower_bound.record(psi)
     except (ValueError, SimulationError) as error:
@@ -211,8 +211,11 @@ def _load_cases(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _integration(case: MechanicalProblem, trajectory: Trajectory | None) -> dict[str, Any]:
-    asked = case.integrator
-    entry: dict[str, Any] = {"integrator": type(asked).__name__, "duration": asked.end_time}
+    integrator = case.integrator
+    entry: dict[str, Any] = {
+        "integrator": type(integrator).__name__,
+        "duration": integrator.end_time,
+    }
     if trajectory is not None:
         entry["order"] = case.method.order
         entry["steps"] = len(trajectory.step_ends) - 1
@@ -240,7 +243,7 @@ def _scene(
             names = ("modes_error", "step_error", "coordinates", "rows", "left_out")
             entry |= {"text": str(report), **_attributes(report, *names)}
             bodies |= {name: {**vars(body)} for name, body in report.bodies.items()}
-        except SimulationError as error:  # with steps twice as long, which is told
+        except SimulationError as error:  # with longer steps, which a warning reports
             message = f"the errors by modes and time step could not be estimated: {error}"
             warning_entries.append({"category": type(error).__name__, "message": message})
     for name, body in problem.flexible.items():
@@ -335,7 +338,7 @@ def _verification(verification: Verification) -> dict[str, Any]:
             "elements": body_part.elements,
             "modes": verification.modes[name],
         }
-        if isinstance(body_part, Solid):  # widths of planar parts stand with the parts
+        if isinstance(body_part, Solid):  # widths of planar parts are recorded with the parts
             widths = _attributes(body_part, "thinnest_member", "narrowest_gap")
             entry |= {what: width and width.value for what, width in widths.items()}
         entry |= {key: [getattr(body_, key) for body_ in pair] for key in _OF_BODY}

@@ -9,7 +9,7 @@ from typing import Any
 from .folder import Row, Run, Table, words
 from .numbers import NOTHING, Scale, fixed, percent, real
 
-#: Share by which a part may exceed a bound before the first sentence says so
+#: Share of a bound by which a part may exceed it without a sentence at the top
 _BEYOND = 5e-3
 #: Why a run ended, in words
 _REASONS = {
@@ -17,23 +17,23 @@ _REASONS = {
     "iterations": "all iterations were used",
     "interrupted": "it was interrupted",
     "stalled": "no further step lowered psi, though the first-order conditions do not hold",
-    "infeasible": "no design was found that fulfils all constraints",
+    "infeasible": "no design was found that satisfies all constraints",
 }
 
 
 def status(run: Run) -> list[str]:
-    """How the run ended, in sentences."""
+    """Sentences on the constraints, the end of the run, and its warnings."""
     record = run.record
     sentences = []
-    exceeded = {name: over for name, over in _excess_of_part(run).items() if over > _BEYOND}
+    exceeded = {name: excess for name, excess in _excess_of_part(run).items() if excess > _BEYOND}
     by_part = ", ".join(
-        f"{name} by {percent(over)} % ({_values_and_bound(run, name)})"
-        for name, over in exceeded.items()
+        f"{name} by {percent(excess)} % ({_values_and_bound(run, name)})"
+        for name, excess in exceeded.items()
     )
     if record.get("feasible") is True:
-        where = " as reported" if run.moved else " for the densities"
-        but = f"{where}, but the part exceeds {by_part}" if by_part else ""
-        sentences.append(f"All constraints hold{but}.")
+        of_design = " as reported" if run.moved else " for the densities"
+        exception = f"{of_design}, but the part exceeds {by_part}" if by_part else ""
+        sentences.append(f"All constraints hold{exception}.")
     elif record.get("feasible") is False:
         violations = run.mapping("violations").items()
         names = ", ".join(f"{name} by {percent(share)} %" for name, share in violations)
@@ -43,8 +43,8 @@ def status(run: Run) -> list[str]:
     reason = str(record.get("reason") or "")
     if reason:
         iterations = record.get("iterations")
-        after = f" after {iterations} iterations" if isinstance(iterations, int) else ""
-        sentences.append(f"The run ended{after}: {_REASONS.get(reason, reason)}.")
+        duration = f" after {iterations} iterations" if isinstance(iterations, int) else ""
+        sentences.append(f"The run ended{duration}: {_REASONS.get(reason, reason)}.")
     bound = run.mapping("bound")
     if real(bound.get("gap")):
         text = str(bound.get("text"))
@@ -59,32 +59,32 @@ def status(run: Run) -> list[str]:
 
 
 def cards(run: Run) -> list[dict[str, str]]:
-    """The few numbers that matter most: label, value, unit and a line below."""
+    """The most important numbers: label, value, unit and a line below."""
     numbers: list[dict[str, str]] = []
 
     def card(label: str, value: str, unit: str, below: str) -> None:
         numbers.append({"label": label, "value": value, "unit": unit, "below": below})
 
-    psi, part = run.record.get("psi"), run.verification.get("part")
+    psi, part_psi = run.record.get("psi"), run.verification.get("part")
     unit = run.psi.name
-    if real(part):
-        card("ψ of the part", run.psi.text(part), unit, f"reported {run.psi.text(psi)} {unit}")
+    if real(part_psi):
+        card("ψ of the part", run.psi.text(part_psi), unit, f"reported {run.psi.text(psi)} {unit}")
     elif real(psi):
-        what = "part" if run.moved else "densities"
+        kind = "part" if run.moved else "densities"
         card(
-            f"ψ of the {what}",
+            f"ψ of the {kind}",
             run.psi.text(psi),
             unit,
             f"not verified{'' if run.moved else ' as a part'}",
         )
-    best = part if real(part) else psi
+    best = part_psi if real(part_psi) else psi
     if run.references and real(best):
         name, reference = next(iter(run.references.items()))
-        card("ψ relative", percent(best / reference, 3), "%", f"of that of the {name}")
+        card("ψ relative", percent(best / reference, 3), "%", f"of ψ of the {name}")
     volume = [(name, share) for name, share in run.mapping("volume").items() if real(share)]
     for name, share in volume[:2]:
         bound = run.bounds.get(f"volume of {name}")
-        limit = f", at most {Scale('', 1).given(100.0 * bound)} %" if real(bound) else ""
+        limit = f", at most {Scale('', 1).without_zeros(100.0 * bound)} %" if real(bound) else ""
         card("Material", percent(share, 3), "%", f"of the full {name}{limit}")
     for name, entry in list(run.mapping("parts").items())[:2]:
         if real(entry.get("mass")):
@@ -101,7 +101,7 @@ def cards(run: Run) -> list[dict[str, str]]:
 
 
 def accuracy(run: Run) -> dict[str, Any]:
-    """The objective beside its errors."""
+    """Tables of psi, by densities and parts, and of its errors."""
     verification, scene = run.verification, run.mapping("scene")
     psi, gray, unit = run.record.get("psi"), run.record.get("gray"), run.psi.name
     values: list[Row] = []
@@ -111,21 +111,21 @@ def accuracy(run: Run) -> dict[str, Any]:
     kinds = {body.get("elements", "triangles") for body in verification.get("bodies", {}).values()}
     elements = kinds.pop() if len(kinds) == 1 else "cells"
     for mesh in verification["meshes"] if verification else []:
-        what = f"Part, {elements} of {' '.join(Scale.of('m', mesh['size'], 3))}"
+        label = f"Part, {elements} of {' '.join(Scale.of('m', mesh['size'], 3))}"
         change = mesh["psi"] / verification["reported"] - 1.0
-        values.append((what, run.psi.text(mesh["psi"], 5), unit, percent(change, 3, sign=True)))
+        values.append((label, run.psi.text(mesh["psi"], 5), unit, percent(change, 3, sign=True)))
     errors: list[Row] = []
 
-    def error(what: str, share: Any, how: str, *, sign: bool = False) -> None:
+    def error(label: str, share: Any, how: str, *, sign: bool = False) -> None:
         if real(share):
             size = run.psi.text(share * psi, 2) if real(psi) else NOTHING
             plus = "+" if sign and share > 0.0 else ""
-            errors.append((what, percent(share, sign=sign), plus + size, how))
+            errors.append((label, percent(share, sign=sign), plus + size, how))
 
     modes = scene.get("modes_error", run.record.get("mode_error"))
     if verification:
-        what = "Part on finer meshes" if run.moved else "Part instead of densities"
-        error(what, verification["difference"], "the part, simulated anew", sign=True)
+        label = "Part on finer meshes" if run.moved else "Part instead of densities"
+        error(label, verification["difference"], "the part, simulated anew", sign=True)
         state = "converged" if verification.get("converged") else "still changes"
         limit = f"{state} within {percent(verification.get('tolerance'))} %"
         error("Mesh of the part", verification.get("change"), f"{elements} made smaller: {limit}")
@@ -146,21 +146,23 @@ def constraints(run: Run) -> Table | None:
     rows, excess = [], _excess_of_part(run)
     for name, entry in run.mapping("constraints").items():
         scale = Scale(str(entry["unit"]), entry["bound"])
-        violated, over = entry["violation"], excess.get(name)
+        violated, excess_of_part = entry["violation"], excess.get(name)
         values = (scale.text(entry["value"]), scale.text(_of_part(run, name)))
-        bound = f"{entry['kind']} {scale.given(entry['bound'])}"
+        bound = f"{entry['kind']} {scale.without_zeros(entry['bound'])}"
         violation = f"{percent(violated)} %" if violated else "none"
-        by_part = NOTHING if over is None else "none" if over <= 0.0 else f"{percent(over)} %"
+        by_part = NOTHING
+        if excess_of_part is not None:
+            by_part = f"{percent(excess_of_part)} %" if excess_of_part > 0.0 else "none"
         rows.append((name, *values, bound, scale.name or NOTHING, violation, by_part))
     head = ["Constraint", "Reported", "Part", "Bound", "Unit", "Violation", "by the part"]
     return Table.of("Constraints", head, rows, [1, 2])
 
 
 def parameters(run: Run) -> Table | None:
-    """Parameters of the mechanism: start, value, bounds, and whether they stand at one."""
+    """Parameters of the mechanism: start, value, bounds, and whether they are at a bound."""
     ends: dict[str, Any] = {}
-    for of_body in run.mapping("at_bounds").values():
-        ends |= of_body
+    for of_owner in run.mapping("at_bounds").values():
+        ends |= of_owner
     rows = []
     for name, entry in run.mapping("parameters").items():
         scale = Scale(entry["unit"], entry["value"])
@@ -172,7 +174,7 @@ def parameters(run: Run) -> Table | None:
 
 
 def _of_part(run: Run, name: str) -> float | None:
-    """The part's value of a constraint; values of volume bounds stand with the bodies."""
+    """The value of a constraint for the part; volumes are recorded with the bodies."""
     bodies, body = run.verification.get("bodies", {}), name.removeprefix("volume of ")
     if body != name and body in bodies:
         _, value = bodies[body]["volume"]
@@ -182,23 +184,23 @@ def _of_part(run: Run, name: str) -> float | None:
 
 
 def _excess_of_part(run: Run) -> dict[str, float]:
-    """By how much the part exceeds bounds, relative to these; negative where they hold."""
+    """Share by which the part exceeds each bound; negative if the bound is satisfied."""
     excess = {}
     for name, entry in run.mapping("constraints").items():
-        part, bound = _of_part(run, name), entry["bound"]
-        if part is not None and bound:
+        value, bound = _of_part(run, name), entry["bound"]
+        if value is not None and bound:
             sign = -1.0 if entry["kind"] == "at least" else 1.0
-            excess[name] = sign * (part - bound) / abs(bound)
+            excess[name] = sign * (value - bound) / abs(bound)
     return excess
 
 
 def _values_and_bound(run: Run, name: str) -> str:
-    """Value of the densities and of the part beside the bound."""
+    """The reported value, the value of the part, and the bound."""
     entry = run.mapping("constraints")[name]
     scale = Scale(str(entry["unit"]), entry["bound"])
-    reported, part = scale.text(entry["value"]), scale.text(_of_part(run, name))
-    bound = f"{entry['kind']} {scale.given(entry['bound'])} {scale.name}".rstrip()
-    return f"reported {reported}, part {part}, {bound}"
+    reported, of_part = scale.text(entry["value"]), scale.text(_of_part(run, name))
+    bound = f"{entry['kind']} {scale.without_zeros(entry['bound'])} {scale.name}".rstrip()
+    return f"reported {reported}, part {of_part}, {bound}"
 
 
 def load_cases(run: Run) -> Table | None:
@@ -207,22 +209,22 @@ def load_cases(run: Run) -> Table | None:
     for name, case in run.mapping("load_cases").items():
         psi, weight, objective = case["psi"], case["weight"], case["objective"]
         scale = Scale(str(objective["unit"]), psi)
-        part = scale.text(of_part.get(name, [None, None])[1])
+        part_psi = scale.text(of_part.get(name, [None, None])[1])
         numbers = (fixed(weight, 4), fixed(weight * psi, 4))
         unit = scale.name or NOTHING
-        rows.append((name, words(objective["name"]), scale.text(psi), part, unit, *numbers))
+        rows.append((name, words(objective["name"]), scale.text(psi), part_psi, unit, *numbers))
     note = f"ψ of the design is their {words(run.objective).lower()}."
     head = ["Load case", "Objective", "Reported", "Part", "Unit", "Weight", "Reported, weighted"]
     return Table.of("Load cases", head, rows, [2, 3, 5, 6], note)
 
 
 def comparison(run: Run) -> Table | None:
-    """The design beside others."""
+    """The design compared with others."""
     if not run.references:
         return None
     name, reference = next(iter(run.references.items()))
-    reported, part = run.record.get("psi"), run.verification.get("part")
-    designs = {"Design, reported": reported, "Design, part": part}
+    reported, part_psi = run.record.get("psi"), run.verification.get("part")
+    designs = {"Design, reported": reported, "Design, part": part_psi}
     designs |= {key[:1].upper() + key[1:]: psi for key, psi in run.references.items()}
     rows = [
         (key, run.psi.text(psi), run.psi.name or NOTHING, percent(psi / reference, 3))
@@ -234,18 +236,20 @@ def comparison(run: Run) -> Table | None:
 
 
 def reported_and_part(run: Run) -> list[Table]:
-    """For each body the values of the densities beside those of the part."""
+    """Tables that compare the reported values of each body with those of its part."""
     tables = []
     for name, body in run.verification.get("bodies", {}).items():
         rows: list[Row] = []
 
-        def row(what: str, unit: str, pair: Sequence[Any], rows: list[Row] = rows) -> None:
-            reported, part = pair
-            if real(reported) or real(part):
+        def row(quantity: str, unit: str, pair: Sequence[Any], rows: list[Row] = rows) -> None:
+            reported, of_part = pair
+            if real(reported) or real(of_part):
                 scale = Scale(unit, max(abs(v) for v in pair if real(v)))
-                comparable = real(reported) and real(part) and reported
-                change = percent(part / reported - 1.0, 3, sign=True) if comparable else NOTHING
-                rows.append((what, scale.text(reported), scale.text(part), scale.name, change))
+                comparable = real(reported) and real(of_part) and reported
+                change = percent(of_part / reported - 1.0, 3, sign=True) if comparable else NOTHING
+                rows.append(
+                    (quantity, scale.text(reported), scale.text(of_part), scale.name, change)
+                )
 
         row("Mass", "kg", body["mass"])
         row("Share of the full body", "-", body["volume"])
@@ -264,8 +268,8 @@ def reported_and_part(run: Run) -> list[Table]:
     return [table for table in tables if table]
 
 
-def own_figures(run: Run) -> Table | None:
-    """Stress and frequencies of the densities, where no part was verified."""
+def figures_of_densities(run: Run) -> Table | None:
+    """Stress and frequencies of the densities of bodies without a verified part."""
     verified = run.verification.get("bodies", {})
     rows = []
     for name, stress in run.mapping("stress").items():
@@ -273,9 +277,9 @@ def own_figures(run: Run) -> Table | None:
             position = (Scale("m", 1.0).text(v) for v in stress["position"])
             place = ", ".join(f"{x} = {v} mm" for x, v in zip("xyz", position, strict=False))
             case = f", in load case {stress['load_case']}" if stress.get("load_case") else ""
-            where = f"at {' '.join(Scale.of('s', stress['time']))}, {place}{case}"
+            place_and_time = f"at {' '.join(Scale.of('s', stress['time']))}, {place}{case}"
             value = Scale.of("Pa", stress["value"])
-            rows.append((name, "Largest von Mises stress", *value, where))
+            rows.append((name, "Largest von Mises stress", *value, place_and_time))
     for name, values in run.mapping("frequencies").items():
         if name not in verified:
             for number, f in enumerate(values, 1):

@@ -46,9 +46,9 @@ _COLUMNS = {
     "mode_error": ("Mode error", "%"),
     "frequency": ("First frequency", "Hz"),
     "step": ("Step", ""),
-    "accepted": ("Kept", "yes"),
+    "accepted": ("Accepted", "yes"),
 }
-#: The same of the steps of boundaries
+#: Columns of the table of the steps of boundaries, likewise
 _STEPS = {
     "iteration": ("Step", ""),
     "psi": ("ψ", "psi"),
@@ -59,7 +59,7 @@ _STEPS = {
     "step": ("Longest motion", "m"),
     "cells": ("Cells", ""),
     "modes": ("Modes", ""),
-    "rejected": ("Taken back before", ""),
+    "rejected": ("Trials rejected before", ""),
     "inserted": ("Struts inserted", ""),
     "removed": ("Struts and holes removed", ""),
 }
@@ -91,7 +91,7 @@ def sections(folder: Folder, title: str = "") -> dict[str, Any]:
 
 
 def _note_missing_keys(run: Run) -> None:
-    what = {
+    words_of_key = {
         "psi": "the result",
         "scene": "bodies, joints and integrator of the scene",
         "parts": "dimensions of the part (parts=...)",
@@ -103,7 +103,7 @@ def _note_missing_keys(run: Run) -> None:
         "command": "the command that repeats it",
         "date": "the date",
     }
-    lacking = [words for key, words in what.items() if run.record.get(key) in (None, {}, "")]
+    lacking = [text for key, text in words_of_key.items() if run.record.get(key) in (None, {}, "")]
     if lacking:
         run.missing(f"summary.json: {', '.join(lacking)} (ffr.run_record writes them)")
 
@@ -180,15 +180,13 @@ def _parameters(run: Run) -> Parameters | None:
 
 
 def _table(
-    run: Run, columns: Mapping[str, Any], columns_known: Mapping[str, tuple[str, str]], caption: str
+    run: Run, columns: Mapping[str, Any], layout: Mapping[str, tuple[str, str]], caption: str
 ) -> Table | None:
-    """The ``known`` ones of some columns, with their headings and units."""
-    shown_columns = {
-        n: columns[n] for n in columns_known if n in columns and np.isfinite(columns[n]).any()
-    }
+    """A table of the columns in a ``layout``, with their headings and units."""
+    chosen = {n: columns[n] for n in layout if n in columns and np.isfinite(columns[n]).any()}
     head, texts = [], []
-    for name, values in shown_columns.items():
-        heading, unit = columns_known[name]
+    for name, values in chosen.items():
+        heading, unit = layout[name]
         if unit == "%":
             texts.append([percent(float(v), 3) for v in values])
             heading += " [%]"
@@ -197,26 +195,26 @@ def _table(
         else:
             si = run.psi_unit if unit == "psi" else unit
             scale = Scale(si, float(np.nanmax(np.abs(values))))
-            whole = bool(np.all(values == np.round(values)))
-            texts.append([scale.text(int(v) if whole else float(v)) for v in values])
+            is_integer = bool(np.all(values == np.round(values)))
+            texts.append([scale.text(int(v) if is_integer else float(v)) for v in values])
             heading += f" [{scale.name}]" if scale.name else ""
         head.append(heading)
     rows = list(zip(*texts, strict=True))
-    numeric = [i for i, name in enumerate(shown_columns) if name not in {"iteration", "accepted"}]
+    numeric = [i for i, name in enumerate(chosen) if name not in {"iteration", "accepted"}]
     return Table.of(caption, head, rows, numeric)
 
 
 def _last_psi(run: Run, columns: Mapping[str, Any]) -> str:
-    """Why the last psi of the history is not the reported one, where they differ."""
-    psi, last = run.record.get("psi"), columns.get("psi")
-    if last is None or not real(psi) or abs(float(last[-1]) / psi - 1.0) < 1e-6:
+    """The reason why the last psi of the history differs from the reported one, if it does."""
+    psi, history_psi = run.record.get("psi"), columns.get("psi")
+    if history_psi is None or not real(psi) or abs(float(history_psi[-1]) / psi - 1.0) < 1e-6:
         return ""
-    why = "the finished design is evaluated once more, with the law for cut elements"
+    reason = "the finished design is evaluated once more, with the law for cut elements"
     if run.moved:
-        why = "steps of its boundary have followed, and what is reported is the part"
+        reason = "steps of its boundary have followed, and what is reported is the part"
     return (
-        f"The last ψ of the history is {run.psi.text(float(last[-1]))} {run.psi.name}, the "
-        f"reported one {run.psi.text(psi)} {run.psi.name}: {why}."
+        f"The last ψ of the history is {run.psi.text(float(history_psi[-1]))} {run.psi.name}, the "
+        f"reported one {run.psi.text(psi)} {run.psi.name}: {reason}."
     )
 
 
@@ -254,14 +252,14 @@ def _further(run: Run) -> Table | None:
 
 
 def _files(folder: Folder) -> list[str]:
-    """Names and sizes of what stands beside the report."""
+    """Names and sizes of the other files in the folder."""
     files = sorted(f for f in folder.path.iterdir() if f.is_file() and not f.name.startswith("."))
     files = [f for f in files if f.suffix != ".html"]
     return [f"{f.name} ({fixed(max(f.stat().st_size / 1e3, 0.1), 2)} kB)" for f in files]
 
 
-#: Sections that a damaged record may make impossible: name in the template, what is said to be
-#: missing then, how it is made, and what takes its place
+#: Sections that a damaged record may make impossible: name in the template, name for the list of
+#: missing entries, function that makes it, and value in its place
 _BUILT: tuple[tuple[str, str, Callable[[Run], Any], Any], ...] = (
     ("date", "the date", _date, ""),
     ("status", "how the run ended", results.status, []),
@@ -272,7 +270,7 @@ _BUILT: tuple[tuple[str, str, Callable[[Run], Any], Any], ...] = (
     ("load_cases", "load_cases", results.load_cases, None),
     ("comparison", "other designs", results.comparison, None),
     ("bodies", "figures of the part beside those of the design", results.reported_and_part, []),
-    ("own_figures", "stress and frequencies", results.own_figures, None),
+    ("figures_of_densities", "stress and frequencies", results.figures_of_densities, None),
     ("parts", "parts", model.parts, []),
     ("scene", "scene", model.scene, {}),
     ("history", "history", _history, {}),
@@ -288,13 +286,13 @@ def write_report(
 ) -> Path:
     """Write the report of a run as one HTML file; rank 0 reads and writes.
 
-    All that it shows stands in the folder: ``summary.json`` (`run_record` lists the keys),
-    ``history.csv``, the pictures, and ``part.svg`` with the outline of the part. What is missing is
-    left out, and named at the end of the page.
+    It is made from the files of the folder: ``summary.json`` (`run_record` lists the keys),
+    ``history.csv``, the pictures, and ``part.svg`` with the outline of the part. Missing entries
+    are left out, and listed at the end of the page.
 
     Args:
-        comm: All its ranks call.
-        folder: What a run has written to.
+        comm: The ranks that call.
+        folder: The folder of a run.
         output: The file; by default ``report.html`` in the folder.
         title: Heading, by default the recorded one.
 
