@@ -15,7 +15,7 @@ from .base import Objective as Objective
 from .base import Response as Response
 from .base import StressField as StressField
 from .base import Sum as Sum
-from .base import check_objective, derivatives_of, value_of, whole
+from .base import check_objective, constraint_of_place, derivatives_of, value_of
 from .combination import Combination as Combination
 from .combination import PowerMean as PowerMean
 from .combination import WeightedSum as WeightedSum

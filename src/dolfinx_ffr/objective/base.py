@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Protocol
 
@@ -17,11 +17,11 @@ from ..dynamics import Trajectory, TrajectoryBar
 from ..mechanism import PointMass
 
 Bodies = Mapping[str, VolumeIntegrals]
-#: What follows the label of a constraint in that of one of its `Constraint.places`
+#: Text between the label of a constraint and the number of one of its `Constraint.places`
 _PLACE = ", place "
 
 
-def _alone(local: Array) -> list[Array]:
+def _in_a_list(local: Array) -> list[Array]:
     """All-gather on one rank: the local array in a list."""
     return [local]
 
@@ -36,15 +36,15 @@ class DensityField(Shown):
         centroids: Centroids of the cells in the undeformed body, shape (cells, dimension) [m].
         sum: Sum of an array over the cells of all ranks, the same on every rank.
         gathered: The arrays of all ranks in a list, the same on every rank.
-        whole: The body as it was designed, where this is a mesh of the part that came of it: shares
-            of volume are of its area.
+        whole: The body as it was designed, if this is the mesh of a part of it; shares of volume
+            are relative to its area.
     """
 
     values: Array
     areas: Array
     centroids: Array
     sum: Callable[[Array], float]
-    gathered: Callable[[Array], list[Array]] = _alone
+    gathered: Callable[[Array], list[Array]] = _in_a_list
     whole: DensityField | None = None
 
 
@@ -177,11 +177,11 @@ class Derivatives(Shown):
     parameters: Mapping[str, float] = field(default_factory=dict)
 
     def checked(self, what: str, response: Response) -> Derivatives:
-        """The derivatives as arrays; ``what`` they are is said in errors.
+        """The derivatives as arrays; errors name them ``what``.
 
         Raises:
-            ValueError: If a part is with respect to something that the ``response`` lacks, has
-                another shape, or holds NaN or infinity.
+            ValueError: If a derivative is with respect to something that the ``response`` lacks,
+                has another shape, or holds NaN or infinity.
         """
         bar = self.trajectory
         if bar is not None:
@@ -198,18 +198,19 @@ class Derivatives(Shown):
                 )
             )
 
-        def present(kind: str, given: Mapping[str, Any], names: Collection[str], of: str) -> Any:
-            for name, value in validation.by_name(
-                f"{what} by {kind}", given, "derivatives"
-            ).items():
+        def present(
+            kind: str, by_body: Mapping[str, Any], names: Collection[str], of: str
+        ) -> Iterator[tuple[str, Any, str]]:
+            checked = validation.by_name(f"{what} by {kind}", by_body, "derivatives")
+            for name, value in checked.items():
                 label = f"{what} by the {kind} of {name!r}"
                 if name not in names:
                     raise ValueError(f"{label}, but the bodies {of} are {list(names)}")
                 yield name, value, label
 
         def arrays(kind: str, names: Collection[str], of: str, shape: Callable) -> dict:
-            given = getattr(self, {"density": "densities", "stress": "stresses"}.get(kind, kind))
-            entries = present(kind, given, names, of)
+            field = {"density": "densities", "stress": "stresses"}.get(kind, kind)
+            entries = present(kind, getattr(self, field), names, of)
             return {n: validation.real_array(label, value, shape(n)) for n, value, label in entries}
 
         bodies, fields, stresses = response.bodies, response.densities, response.stresses
@@ -222,7 +223,7 @@ class Derivatives(Shown):
                 validation.real_array(f"{label}: {key}", getattr(value, key), shape)
             if not math.isfinite(body.zeros_like().dot(value)):
                 raise ValueError(f"{label} hold NaN or infinity")
-        # the stress itself is not asked for here: that takes all ranks
+        # the stress itself is not computed here, which takes all ranks
         cells = {name: len(field.values) for name, field in fields.items()}
         return Derivatives(
             bar,
@@ -253,8 +254,8 @@ class Derivatives(Shown):
         """The derivatives as a function of the bodies and parameters alone.
 
         Args:
-            through: Those through the trajectory, with respect to the integrals of all bodies and
-                to the parameters.
+            through: Derivatives through the trajectory, with respect to the integrals of all bodies
+                and to the parameters.
         """
         return through + replace(self, trajectory=None)
 
@@ -314,24 +315,24 @@ class Objective(ABC):
         """Its partial derivatives with respect to the parts of a ``response``."""
 
     def calibrated(self, response: Response) -> Objective:
-        """The objective corrected at a ``response``, where it stands for another number.
+        """The objective corrected at a ``response``, if it approximates another number.
 
-        Only :class:`PeakStress` does, for the largest stress; others are returned as they are.
+        Only :class:`PeakStress` does, the largest stress; others are returned unchanged.
         """
         return self
 
     def parts(self, response: Response) -> list[Objective]:
-        """Objectives of which it is the largest at a ``response``, or itself alone.
+        """Objectives whose largest value is that of this one at a ``response``, or itself.
 
-        A bound on each of them has a slope of its own, where that on the largest has one of them.
+        Bounds on all of them have several slopes, a bound on the largest has one.
         """
         return [self]
 
     def places(self, response: Response) -> list[Objective]:
-        """Objectives of several places, of which it is the largest at a ``response``.
+        """Objectives of several places, whose largest value is that of this one.
 
-        Only :class:`PeakStress` has several; others return themselves alone. In contrast to
-        `parts` they can be evaluated on other meshes, too.
+        Only :class:`PeakStress` has several; others return themselves. In contrast to `parts` they
+        can be evaluated on other meshes, too.
         """
         return [self]
 
@@ -484,7 +485,7 @@ class Constraint:
         return self._each(self.objective.places(response), _PLACE)
 
     def _each(self, objectives: Sequence[Objective], named: str) -> list[Constraint]:
-        """A constraint on each of the ``objectives``, of which that of this one is the largest."""
+        """A constraint on each of the ``objectives``, whose largest value this one bounds."""
         if len(objectives) == 1 or self.upper is None:
             return [self]
         return [
@@ -493,31 +494,30 @@ class Constraint:
         ]
 
     def scaled(self, psi: float) -> float:
-        """The value of g at the objective's value ``psi``, at most zero where the bound holds."""
+        """The value of g for the objective's value ``psi``; not positive if it is satisfied."""
         return self.slope * (psi - self.bound)
 
 
-def whole(label: str) -> str:
+def constraint_of_place(label: str) -> str:
     """The label of the constraint of which one of `Constraint.places` has this ``label``."""
     return label.rpartition(_PLACE)[0]
 
 
 def value_of(objective: Objective, response: Response, where: str = "") -> float:
-    """The value of an objective, or a TypeError or ValueError where it is no finite real number."""
+    """The value of an objective, or a TypeError or ValueError if it is no finite real number."""
     value = objective.evaluate(response)
     return validation.number(f"{where}the value of {type(objective).__name__}", value)
 
 
 def derivatives_of(objective: Objective, response: Response, where: str = "") -> Derivatives:
     """The partial derivatives of an objective, or the errors of `Derivatives.checked`."""
-    derivatives, what = objective.derivatives(response), f"{where}the derivatives of "
-    what += type(objective).__name__
-    needed = "ffr.Derivatives(...)"
-    return validation.instance(what, derivatives, Derivatives, needed).checked(what, response)
+    derivatives = objective.derivatives(response)
+    label, needed = f"{where}the derivatives of {type(objective).__name__}", "ffr.Derivatives(...)"
+    return validation.instance(label, derivatives, Derivatives, needed).checked(label, response)
 
 
 def check_objective(what: str, objective: object) -> Objective:
-    """The objective, or a TypeError where it is none."""
+    """The objective, or a TypeError for another object."""
     needed = "an objective, as IntegralCompliance()"
     return validation.instance(what, objective, Objective, needed)
 

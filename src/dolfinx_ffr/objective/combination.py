@@ -22,8 +22,8 @@ from .. import validation
 
 Numbers = Mapping[str, float]
 
-#: Share of the largest value below which a load case does not bound a step: a step that raises psi
-#: by so much is taken back
+#: Least share of the largest value for which a load case bounds a step; psi of a smaller one may
+#: double before it counts, and a step that raises psi by so much is rejected
 NEAR = 0.5
 
 
@@ -33,39 +33,39 @@ class Combination(ABC):
 
     Args:
         weights: By name of the load case, not negative; one for each, or None, which stands for
-            ones. A load case of weight zero counts by its constraints only.
+            ones. A load case of weight zero has constraints, but no share in psi.
     """
 
     weights: Mapping[str, float] | None = None
 
-    #: Whether psi is the least bound of several functions instead of a smooth one of them.
+    #: Whether psi is the largest of several functions instead of a smooth function of them
     bounds: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        what = f"{type(self).__name__}: weights"
+        label = f"{type(self).__name__}: weights"
         if self.weights is None:
             return
-        given = {
-            name: validation.number(f"{what}: that of {name!r}", weight, least=0.0)
-            for name, weight in validation.by_name(what, self.weights, "weights").items()
+        weights = {
+            name: validation.number(f"{label}: that of {name!r}", weight, least=0.0)
+            for name, weight in validation.by_name(label, self.weights, "weights").items()
         }
-        if not any(given.values()):
-            raise ValueError(f"{what}: one at least must be positive, but they are {given}")
-        object.__setattr__(self, "weights", given)
+        if not any(weights.values()):
+            raise ValueError(f"{label}: one at least must be positive, but they are {weights}")
+        object.__setattr__(self, "weights", weights)
 
     def check(self, load_cases: Iterable[str]) -> None:
         """Refuse weights that do not fit the ``load_cases``, given by name."""
         names = list(load_cases)
         if self.weights is None:
             return
-        what = f"{type(self).__name__}: weights"
+        label = f"{type(self).__name__}: weights"
         unknown = [name for name in self.weights if name not in names]
         if unknown:
-            raise ValueError(f"{what}: there is no load case {unknown[0]!r}, but {names}")
+            raise ValueError(f"{label}: there is no load case {unknown[0]!r}, but {names}")
         missing = [name for name in names if name not in self.weights]
         if missing:
             raise ValueError(
-                f"{what}: that of {missing[0]!r} is missing; a load case that does not count "
+                f"{label}: that of {missing[0]!r} is missing; a load case that does not count "
                 "has the weight 0"
             )
 
@@ -134,7 +134,7 @@ class PowerMean(Combination):
         return {name: self.weight(name) * share.get(name, 0.0) for name in psi}
 
     def _mean(self, psi: Numbers) -> tuple[dict[str, float], float, float]:
-        """Weighted objectives over the largest, so that no power overflows, their mean, and it."""
+        """Ratios of weighted objectives to the largest, their mean, and the largest."""
         weighted = self.weighted(psi)
         for name, value in weighted.items():
             if not value > 0.0:
@@ -152,8 +152,8 @@ class PowerMean(Combination):
 class WorstCase(Combination):
     """The largest of the objectives, each times its weight; for `MMA`.
 
-    Its gradient is that of the load case with the largest value. Beside it each load case that
-    comes near gets a gradient of its own, with which `MMA` minimises the bound of all.
+    Its gradient is that of the load case with the largest value. Each load case near the largest
+    has a gradient of its own, too, with which `MMA` minimises the bound of all.
     """
 
     bounds: ClassVar[bool] = True

@@ -37,15 +37,15 @@ class _Compliance(Objective):
                 "take all"
             )
         if self.weights is not None:
-            what = f"{self._what}: weights"
-            for name, weight in validation.by_name(what, self.weights, "numbers").items():
-                validation.number(f"{what}: that of body {name!r}", weight, least=0.0)
+            label = f"{self._what}: weights"
+            for name, weight in validation.by_name(label, self.weights, "numbers").items():
+                validation.number(f"{label}: that of body {name!r}", weight, least=0.0)
 
     def validate(self, inventory: Inventory) -> None:
         self._terms(inventory.modes)
         for name in [*(self.bodies or ()), *(self.weights or {})]:
             if not inventory.modes[name]:
-                flexible = [other for other, count in inventory.modes.items() if count]
+                flexible = [body for body, count in inventory.modes.items() if count]
                 raise ValueError(
                     f"{self._what} of body {name!r}, which is rigid and has none; the flexible "
                     f"bodies are {flexible}"
@@ -74,9 +74,9 @@ class _Compliance(Objective):
         out = TrajectoryBar.zeros(trajectory)
         bars = {name: integrals.zeros_like() for name, integrals in bodies.items()}
         for name, weight in self._terms(bodies).items():
-            q, where = trajectory.elastic(name), trajectory.model.coordinates(name)
+            q, columns = trajectory.elastic(name), trajectory.model.coordinates(name)
             scaled = weight * bar[:, None] * q
-            out.y[:, where.elastic] = 2.0 * scaled @ bodies[name].K
+            out.y[:, columns.elastic] = 2.0 * scaled @ bodies[name].K
             square = q.T @ scaled
             bars[name].K[:] = 0.5 * (square + square.T)
         return Derivatives(out, bars)

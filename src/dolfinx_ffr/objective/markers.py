@@ -94,10 +94,10 @@ def marker_derivatives(
     velocity: Array | None = None,
     acceleration: Array | None = None,
 ) -> Derivatives:
-    """The derivatives of a number that depends on the motion of a marker, for one's own objectives.
+    """The derivatives of a number that depends on the motion of a marker, for users' objectives.
 
-    They are those by the trajectory and those by the shape functions of the body at the marker,
-    which change with its density, also at a fixed trajectory.
+    They are by the trajectory and by the shape functions of the body at the marker, which change
+    with its density, also at a fixed trajectory.
 
     Args:
         response: The argument of `Objective.derivatives`.
@@ -115,8 +115,8 @@ def marker_derivatives(
     def in_space(name: str, bar: Array | None) -> Array:
         padded = np.zeros_like(motion.position)
         if bar is not None:
-            what = f"marker derivatives: those by the {name}"
-            padded[:, :d] = validation.real_array(what, bar, (len(trajectory.t), d))
+            label = f"marker derivatives: by the {name}"
+            padded[:, :d] = validation.real_array(label, bar, (len(trajectory.t), d))
         return padded
 
     by_place, by_velocity = in_space("position", position), in_space("velocity", velocity)
@@ -217,9 +217,11 @@ class PathTracking(_MarkerObjective):
                 raise ValueError(
                     f"path tracking: the path has {count} coordinates, but the marker has {d}"
                 )
-            what = "path tracking: the path along"
-            axes = zip("xyz", self.path, strict=False)
-            return np.column_stack([_tabulated(f"{what} {axis}", x, t) for axis, x in axes])
+            columns = [
+                _tabulated(f"path tracking: the path along {axis}", coordinate, t)
+                for axis, coordinate in zip("xyz", self.path, strict=False)
+            ]
+            return np.column_stack(columns)
         array = np.asarray(self.path, dtype=np.float64)
         return _checked("path tracking: the path", array, (t.size, d))
 
@@ -239,7 +241,7 @@ class PathTracking(_MarkerObjective):
 
 @dataclass(frozen=True)
 class _SquareOverTime(_MarkerObjective):
-    """The same without a weight."""
+    """Integral over time of the square of a vector, all instants of a window alike."""
 
     #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None
@@ -258,8 +260,8 @@ class MarkerVelocity(_SquareOverTime):
 
         psi = int |v_P|^2 dt
 
-    over the instants of the trajectory: with a window at its end, how much of a motion from rest to
-    rest is left, or how fast a tool comes in.
+    over the instants of the trajectory: with a window at its end, the rest of a motion from rest to
+    rest, or the speed with which a tool arrives.
 
     Attributes:
         body: Name of the body.
@@ -278,9 +280,9 @@ class MarkerAcceleration(_SquareOverTime):
 
         psi = int |a_P|^2 dt
 
-    over the instants of the trajectory: how hard a payload or a passenger is shaken. Its
-    square root over the duration is the root mean square of the acceleration. Where the mechanism
-    gives the ground an acceleration, that of the marker counts relative to the ground.
+    over the instants of the trajectory: how hard a payload or a passenger is shaken. The root of
+    psi over the duration is the root mean square of the acceleration. If the mechanism gives the
+    ground an acceleration, the acceleration of the marker is relative to the ground.
 
     Attributes:
         body: Name of the body.
@@ -331,8 +333,8 @@ class ResidualVibration(_SquareOverTime):
         positions = super().vectors(response)
         if self.place is None:
             return positions - self._weights(response.trajectory) @ positions
-        what = "residual vibration: the place"
-        return positions - validation.real_array(what, self.place, (positions.shape[1],))
+        label = "residual vibration: the place"
+        return positions - validation.real_array(label, self.place, (positions.shape[1],))
 
     def _velocities(self, response: Response) -> Array:
         velocities: Array = self._motion(response).velocity
@@ -353,7 +355,7 @@ class ResidualVibration(_SquareOverTime):
 def _is_pair_of_coordinates(path: object) -> bool:
     """Whether a path is given by its coordinates over time, not by an array of positions."""
     return isinstance(path, tuple | list) and any(
-        isinstance(part, Motion | Real) or callable(part) for part in path
+        isinstance(coordinate, Motion | Real) or callable(coordinate) for coordinate in path
     )
 
 

@@ -22,8 +22,8 @@ from .base import DensityField, Derivatives, Inventory, Objective, Response, no_
 
 #: Relative distance of two eigenvalues below which they count as equal.
 _EQUAL = 1e-6
-#: Displacement of a pin, relative to others, that is round-off: the frame holds it already.
-_HELD = 1e-9
+#: Displacement of a pin, relative to others, that is round-off, as the frame holds the pin
+_ROUND_OFF = 1e-9
 
 
 class _WithoutTrajectory(Objective):
@@ -129,8 +129,8 @@ class Volume(_WithoutTrajectory):
     def _areas(self, density: DensityField) -> tuple[Array, float]:
         """Area of each cell, (cells,), zero outside of the region, and the area of the region."""
         areas = np.where(self._chosen(density), density.areas, 0.0)
-        whole = density.whole
-        total = whole.sum(whole.areas * self._chosen(whole)) if whole else density.sum(areas)
+        full = density.whole
+        total = full.sum(full.areas * self._chosen(full)) if full else density.sum(areas)
         if not total > 0.0:
             raise ValueError(
                 f"volume of body {self.body!r}: its region holds no cell; the centroids of cells, "
@@ -143,16 +143,16 @@ class Volume(_WithoutTrajectory):
         n, region = len(density.areas), self.region
         if region is None:
             return np.ones(n, dtype=bool)
-        found = region
+        selected = region
         if callable(region):
             points = np.zeros((3, n))
             points[: density.centroids.shape[1]] = density.centroids.T
-            found = np.asarray(region(points))
-        mask = np.asarray(found)
-        if density.whole and not callable(region):  # a cell of a part is where one of the body was
-            whole = density.whole
-            cells = cKDTree(np.concatenate(whole.gathered(whole.centroids)))
-            return np.concatenate(whole.gathered(mask))[cells.query(density.centroids)[1]]
+            selected = np.asarray(region(points))
+        mask = np.asarray(selected)
+        if density.whole and not callable(region):  # by the nearest cell of the designed body
+            full = density.whole
+            cells = cKDTree(np.concatenate(full.gathered(full.centroids)))
+            return np.concatenate(full.gathered(mask))[cells.query(density.centroids)[1]]
         if mask.dtype != np.bool_ or mask.shape != (n,):
             raise ValueError(
                 f"volume of body {self.body!r}: the region must say True or False for each of the "
@@ -179,8 +179,9 @@ class Frequency(_WithoutTrajectory):
     Of the rest of the mechanism nothing plays a part, unless ``point_masses`` are counted. Bearings
     that the frame does not stand for are markers that are ``pinned``.
 
-    A single frequency has a kink where it meets its neighbour. The inverse mean of a cluster has
-    none as long as it stays apart from others; for two to four it is close to the lowest.
+    A single frequency has a kink where it equals its neighbour. The inverse mean of a cluster has
+    none as long as other frequencies differ from those of the cluster; for two to four it is close
+    to the lowest.
 
     Warns:
         UserWarning: If the derivative is asked for where the cluster touches its neighbour.
@@ -244,14 +245,14 @@ class Frequency(_WithoutTrajectory):
         for marker in self.pinned:
             if marker not in markers:
                 raise no_marker("frequency", marker, self.body, markers)
-        count, last = inventory.modes[self.body], self.number - 1 + self.cluster
-        if last > count:
+        count, highest = inventory.modes[self.body], self.number - 1 + self.cluster
+        if highest > count:
             if count == 0:
                 raise ValueError(f"frequency: body {self.body!r} is rigid, and has none")
-            several = f"frequencies {self.number} to {last}"
+            several = f"frequencies {self.number} to {highest}"
             raise ValueError(
                 f"frequency: body {self.body!r} has {count} elastic coordinates, too few for "
-                f"{several if self.cluster > 1 else f'number {last}'}; give it more modes"
+                f"{several if self.cluster > 1 else f'number {highest}'}; give it more modes"
             )
 
     def _eigenpairs(self, response: Response) -> tuple[Array, Array, slice]:
@@ -259,25 +260,27 @@ class Frequency(_WithoutTrajectory):
         self.validate(response.inventory)
         body = self._loaded(response)
         n = 3 * body.dimension - 3 if self.free else 0  # rigid-body modes, which come first
-        first = n + self.number - 1
+        lowest = n + self.number - 1
         M = body.mass_matrix()[-n - body.modes :, -n - body.modes :]
         K = np.zeros_like(M)
         K[n:, n:] = body.K
-        # columns of what the pins leave free
-        basis = scipy.linalg.null_space(self._pins(body), _HELD) if self.pinned else np.eye(len(M))
-        if first + self.cluster > basis.shape[1]:
+        # motions that the pins leave free, in columns
+        basis = (
+            scipy.linalg.null_space(self._pins(body), _ROUND_OFF) if self.pinned else np.eye(len(M))
+        )
+        if lowest + self.cluster > basis.shape[1]:
             raise ValueError(
                 f"frequency: body {self.body!r} has {basis.shape[1]} elastic coordinates besides "
                 "those that its pins hold, too few; give it more modes"
             )
         K, M = basis.T @ K @ basis, basis.T @ M @ basis
         eigenvalues, vectors = scipy.linalg.eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
-        if not eigenvalues[first] > 1e-12 * eigenvalues[-1]:
+        if not eigenvalues[lowest] > 1e-12 * eigenvalues[-1]:
             raise ValueError(
                 f"frequency: frequency {self.number} of body {self.body!r} is zero; its stiffness "
                 "is singular"
             )
-        return eigenvalues, basis @ vectors, slice(first, first + self.cluster)
+        return eigenvalues, basis @ vectors, slice(lowest, lowest + self.cluster)
 
     def _points(self, response: Response) -> list[PointMass]:
         """Point masses of the body that count."""
@@ -306,21 +309,23 @@ class Frequency(_WithoutTrajectory):
     def _with_pins(
         self, bar: VolumeIntegrals, body: VolumeIntegrals, lambdas: Array, v: Array, weights: Array
     ) -> VolumeIntegrals:
-        """The derivatives ``bar`` with those by the displacements of pinned markers.
+        """Add the derivatives by the displacements of pinned markers to ``bar``.
 
         Pins that hold D v = 0 by forces p, (K - lambda M) v + D' p = 0, add 2 p . dD v to d lambda.
         """
         residual = body.K @ v - body.mass_matrix()[-body.modes :, -body.modes :] @ v * lambdas
-        forces = -np.linalg.lstsq(self._pins(body).T, residual, rcond=_HELD)[0]
-        parts = np.split(2.0 * (weights * forces) @ v.T, len(self.pinned))
+        forces = -np.linalg.lstsq(self._pins(body).T, residual, rcond=_ROUND_OFF)[0]
+        pin_bars = np.split(2.0 * (weights * forces) @ v.T, len(self.pinned))
         markers = dict(bar.markers)
-        for name, part in zip(self.pinned, parts, strict=True):
-            markers[name] = replace(markers[name], displacement=markers[name].displacement + part)
+        for name, pin_bar in zip(self.pinned, pin_bars, strict=True):
+            markers[name] = replace(
+                markers[name], displacement=markers[name].displacement + pin_bar
+            )
         return replace(bar, markers=markers)
 
     def _warn_of_neighbours(self, eigenvalues: Array, chosen: slice) -> None:
-        first, last, rigid = chosen.start, chosen.stop, chosen.start - self.number + 1
-        for inside, outside in ((first, first - 1), (last - 1, last)):
+        start, stop, rigid = chosen.start, chosen.stop, chosen.start - self.number + 1
+        for inside, outside in ((start, start - 1), (stop - 1, stop)):
             if not rigid <= outside < eigenvalues.size:
                 continue
             if abs(eigenvalues[outside] - eigenvalues[inside]) < _EQUAL * eigenvalues[inside]:
@@ -332,7 +337,7 @@ class Frequency(_WithoutTrajectory):
                 )
 
     def _bar(self, body: VolumeIntegrals, K: Array, M: Array) -> VolumeIntegrals:
-        """Derivatives by the integrals from the derivatives by K and M, (n, n) each."""
+        """Pull derivatives by K and M, (n, n) each, back to the integrals of a body."""
         bar, n = body.zeros_like(), len(M) - body.modes
         bar.K[:] = K[n:, n:]
         if bar.P is not None:
@@ -349,7 +354,7 @@ class Frequency(_WithoutTrajectory):
 
 
 def _bar_in_space(bar: VolumeIntegrals, M: Array) -> VolumeIntegrals:
-    """Derivatives by the integrals of a body in space from those by its mass matrix or by G."""
+    """Pull derivatives by the mass matrix of a body in space, or by G, back to its integrals."""
     n = len(M) - bar.modes
     S, P = np.zeros_like(bar.S), np.zeros((*bar.G.shape, 3, 3))
     P[1:, 1:] = np.multiply.outer(M[n:, n:], np.eye(3))

@@ -26,11 +26,11 @@ from .stress_coordinates import stress_coordinates, stress_coordinates_pullback
 from .stress_mean import Mean, Stresses
 from .time_average import time_weights
 
-#: Numbers of stresses up to which they are kept for the derivative
-_KEPT = 4_000_000
-#: Where ranges of stress below the largest one begin, as shares of it
+#: Largest number of stresses that are stored for the derivative, 32 MB
+_MOST_STORED = 4_000_000
+#: Lower ends of the ranges of stress of `PeakStress.parts`, as shares of the largest one
 LEVELS = (0.75, 0.9, 0.97)
-#: Boxes into which a body is divided for `PeakStress.places`
+#: Number of boxes into which a body is divided for `PeakStress.places`
 PLACES = 8
 
 #: Lower and upper corner of a box [m]
@@ -65,8 +65,8 @@ class PeakStress(Objective):
     With ``scale`` 1 psi is never above the largest stress, and about half of it with the default
     power: a constraint on psi then bounds the mean. :meth:`calibrated` gives the objective with the
     scale that makes psi the largest stress at one design, as `MMA` does (and Le et al.) at each
-    design that it keeps. :meth:`largest` is the largest stress itself. Larger powers are closer to
-    the peak, but so nonlinear that moving asymptotes get stuck.
+    accepted design. :meth:`largest` is the largest stress itself. Larger powers are closer to the
+    peak, but so nonlinear that moving asymptotes get stuck.
 
     Raises:
         ValueError: If a number is out of range; when the problem is made, if the body has no mesh.
@@ -96,17 +96,16 @@ class PeakStress(Objective):
     box: Box | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        what = "peak stress"
-        validation.name(f"{what}: body", self.body)
-        validation.number(f"{what}: the power", self.power, least=2.0)
-        validation.number(f"{what}: relaxation", self.relaxation, least=0.0)
-        validation.flag(f"{what}: correction", self.correction)
-        validation.number(f"{what}: scale", self.scale, above=0.0)
-        validation.number(f"{what}: clear", self.clear, least=0.0, unit="m")
+        validation.name("peak stress: body", self.body)
+        validation.number("peak stress: the power", self.power, least=2.0)
+        validation.number("peak stress: relaxation", self.relaxation, least=0.0)
+        validation.flag("peak stress: correction", self.correction)
+        validation.number("peak stress: scale", self.scale, above=0.0)
+        validation.number("peak stress: clear", self.clear, least=0.0, unit="m")
         if 0.0 < self.relaxation * self.power <= 1.0:
             raise ValueError(
-                f"{what}: relaxation = {self.relaxation:g} times the power = {self.power:g} must "
-                "be above 1, or void has no derivative; take a larger one of both"
+                f"peak stress: relaxation = {self.relaxation:g} times the power = {self.power:g} "
+                "must be above 1, or void has no derivative; raise one of them"
             )
 
     def validate(self, inventory: Inventory) -> None:
@@ -125,8 +124,8 @@ class PeakStress(Objective):
     def largest(self, response: Response) -> float:
         """The largest von Mises stress of all points and instants, times x^s [Pa].
 
-        It is that of ``worst_stress(..., relaxation=s, void=0.0)``, at a ``response``, for example
-        `Problem.response(evaluation)`; it raises what :meth:`evaluate` raises.
+        It equals ``worst_stress(..., relaxation=s, void=0.0)``, at a ``response``, for example
+        `Problem.response(evaluation)`.
         """
         return math.sqrt(self._mean(response).largest)
 
@@ -137,11 +136,11 @@ class PeakStress(Objective):
         return replace(self, scale=math.sqrt(mean.largest) / mean.value)
 
     def parts(self, response: Response) -> list[Objective]:
-        """Those of points whose highest stress, at a ``response``, is in a range below the largest.
+        """Objectives of points whose highest stress at a ``response`` is in a range of stress.
 
-        The mean over all of a body says little of a short notch beside a long member under almost
-        as much stress (E. Holmberg, B. Torstenfelt, A. Klarbring, Structural and Multidisciplinary
-        Optimization 48 (2013), doi:10.1007/s00158-012-0880-7).
+        The mean over all of a body hardly depends on a short notch beside a long member under
+        almost the same stress (E. Holmberg, B. Torstenfelt, A. Klarbring, Structural and
+        Multidisciplinary Optimization 48 (2013), doi:10.1007/s00158-012-0880-7).
         """
         mean = self._mean(response)
         if mean.largest == 0.0:
@@ -157,9 +156,9 @@ class PeakStress(Objective):
     def places(self, response: Response) -> list[Objective]:
         """The largest stress of each of some boxes that fill the body, at a ``response``.
 
-        Where the stress is nearly uniform, a mean over all of the body changes at once with the
-        strength of each place, and does not say which of them needs more. So the boxes have equal
-        shares in the mean: they are small where the stress is high.
+        If the stress is nearly uniform, the gradient of a mean over all of the body does not tell
+        which place needs more material. The boxes have equal shares in the mean, so they are small
+        where the stress is high.
         """
         mean, field = self._mean(response), response.stresses[self.body]
         if mean.largest == 0.0:
@@ -176,7 +175,7 @@ class PeakStress(Objective):
         field, x = response.stresses[self.body], response.densities[self.body].values
         modes_bar, z_bar = points.stresses.slopes(mean, self.power)
         modes_bar *= self.scale
-        # by s_v^2 of each point, times that
+        # derivative by s_v^2 of each point, times s_v^2
         by_square = 0.5 * np.einsum("ipn,ipn->p", modes_bar, points.stresses.modes)
         cell, areas = points.chosen // field.weights.shape[1], points.stresses.areas
         x_bar = np.zeros(len(x))
@@ -220,20 +219,20 @@ class PeakStress(Objective):
         return _Points(field.weights.shape, area, chosen, share[chosen], root, stresses)
 
     def _mean(self, response: Response) -> Mean:
-        """The mean over all points and instants, the same on every rank; once for a response."""
+        """The mean over all points and instants, the same on every rank, computed once."""
         if self._key not in response.cache:
             points = self._points(response)
             points_mean = points.stresses.mean(self.power, response.stresses[self.body].gathered)
             mean = replace(points_mean, highest=points.scattered(points_mean.highest))
-            # what is counted stays, so that nothing else takes its place
-            cached_points = points if points.stresses.modes.size <= _KEPT else None
+            # the mask stays alive with its id, which is in the key
+            cached_points = points if points.stresses.modes.size <= _MOST_STORED else None
             response.cache[self._key] = mean, cached_points, self.counted
         cached: Mean = response.cache[self._key][0]
         return cached
 
     @property
     def _key(self) -> tuple[PeakStress, int]:
-        """What the mean depends on beside the response."""
+        """The key of the mean in the cache of a response."""
         return replace(self, scale=1.0), id(self.counted)
 
 
@@ -243,13 +242,13 @@ class _Points:
 
     shape: tuple[int, ...]  #: Cells, and points of each
     area: float  #: Area of the body, in space volume [m^2], [m^3]
-    chosen: Integers  #: (points,) which of all points they are
+    chosen: Integers  #: (points,) their numbers among all points
     share: Array  #: (points,) x^s
     root: Array  #: R
     stresses: Stresses  #: R times the stress of the solid times x^s
 
     def scattered(self, values: Array) -> Array:
-        """Values (points, ...) among zeros for all points, (cells, points of each, ...)."""
+        """Values (points, ...) for all points, (cells, points of each, ...); else zeros."""
         total = math.prod(self.shape)
         all_values = values if len(values) == total else np.zeros((total, *values.shape[1:]))
         if len(values) < total:
@@ -258,7 +257,7 @@ class _Points:
 
 
 def _boxes(points: Array, shares: Array, count: int) -> list[Box]:
-    """So many boxes that fill space, with nearly equal ``shares`` (points,) of ``points``.
+    """A ``count`` of boxes that fill space, with nearly equal ``shares`` (points,) of ``points``.
 
     Boxes are cut across the direction in which their points are spread farthest.
     """
@@ -273,12 +272,12 @@ def _boxes(points: Array, shares: Array, count: int) -> list[Box]:
             return [(tuple(low.tolist()), tuple(high.tolist()))]
         fewer = count // 2
         reached = np.cumsum(np.bincount(index, weights))
-        last = int(np.searchsorted(reached, reached[-1] * fewer / count))
-        last = min(last, len(places) - 2)
-        at = 0.5 * (places[last] + places[last + 1])
-        below = index <= last
+        split = int(np.searchsorted(reached, reached[-1] * fewer / count))
+        split = min(split, len(places) - 2)
+        border = 0.5 * (places[split] + places[split + 1])
+        below = index <= split
         split_high, split_low = high.copy(), low.copy()
-        split_high[axis] = split_low[axis] = at
+        split_high[axis] = split_low[axis] = border
         return [
             *cut(low, split_high, inside[below], fewer),
             *cut(split_low, high, inside[~below], count - fewer),
@@ -289,7 +288,7 @@ def _boxes(points: Array, shares: Array, count: int) -> list[Box]:
 
 
 def is_stress(objective: Objective) -> bool:
-    """Whether it counts the largest stress."""
+    """Whether an objective is the largest stress, or a sum with it."""
     return any(isinstance(term, PeakStress) for _, term in objective._summands())
 
 

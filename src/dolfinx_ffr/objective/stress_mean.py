@@ -5,14 +5,17 @@ The stress is the length of a few numbers that are linear in coordinates z,
 
     m^p = sum_pt areas_p times_t s_pt^p,    s_pt = |M_p z_t|.
 
-Points and instants are gone through in tiles that stay in the cache of a core. Coordinates over a
-motion that is nearly quasi-static depend on each other: fewer combinations of them have the same
-stress but for round-off. Where steps are small s^p is smooth: a polynomial through some instants
-gives it at all of them. Where it does so within `SMOOTH` for the points of highest stress, about as
-well as the equations of motion are solved, only these instants are gone through. Vibrations that
-the steps hardly resolve, and round-off, are not smooth, but small: the polynomial z~ closest to z
-in the mean over these times takes its place. As the slopes of the mean by z~ are polynomials, too,
-z - z~ adds to the mean by its square alone, and where that is below `SMOOTH` it is left out.
+The sum is taken in tiles of points and instants that fit into the cache of a core, with three
+savings:
+
+- the coordinates of a nearly quasi-static motion depend on each other, so fewer combinations of
+  them have the same stress but for round-off;
+- with small steps s^p is smooth, and a polynomial through some instants gives it at all of them. If
+  it does so within `SMOOTH` for the points of highest stress, about the accuracy of the equations
+  of motion, the sum is over these instants only;
+- vibrations that the steps hardly resolve, and round-off, are not smooth, but small. They are left
+  out: z is replaced by the closest polynomial z~ in the mean over these times. As the slopes of the
+  mean by z~ are polynomials, too, the error is of second order in z - z~, and below `SMOOTH`.
 """
 
 from __future__ import annotations
@@ -28,24 +31,27 @@ from numpy.polynomial.chebyshev import chebvander
 
 from ..arrays import Array, Integers
 
-#: Points and instants of a tile
+#: Numbers of points and instants of a tile
 POINTS, INSTANTS = 384, 128
-#: Largest share of coordinates that are left out
+#: Largest size of coordinates that are left out, as a share of the largest one
 ROUND_OFF = 1e-15
-#: Largest error of s^p and s^(p-1) at instants that are left out, of their largest values
+#: Largest error of s^p and s^(p-1) at instants that are left out, as a share of their largest value
 SMOOTH = 1e-10
 #: Shares of the instants of a span that are tried as nodes
 _SHARES = (0.125, 0.1875, 0.25, 0.375)
-#: Number of points on which they are tried, those of the highest stress at every 32nd instant
-_TRIED, _SAMPLED = 16, 32
-#: Degree of smooth coordinates, relative to that of powers of the stress
+#: Number of points of highest stress for which nodes are tried
+_TRIED = 16
+#: Distance of the instants, in steps, at which these points are found
+_SAMPLED = 32
+#: Degree of smooth coordinates, relative to the degree of powers of the stress
 _DEGREE = 2 / 3
-#: Share of the largest square above which that of a point is computed at all instants
+#: Least square of the stress of a point, as a share of the largest one, that is computed at all
+#: instants
 _CANDIDATE = 0.5
 
 
 class Span(NamedTuple):
-    """Instants that follow each other, and nodes among them that stand for all."""
+    """Successive instants, and nodes among them that represent all."""
 
     instants: slice  #: Among those that count
     shares: Array  #: (nodes,) share of each node in the time
@@ -55,7 +61,7 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """A power mean, and what else was seen on the way."""
+    """A power mean, and the largest values."""
 
     value: float  #: The mean [Pa]
     largest: float  #: Largest square of all points and instants, the same on every rank [Pa^2]
@@ -65,7 +71,7 @@ class Mean:
 
 @dataclass(frozen=True, eq=False)
 class Stresses:
-    """Stress for unit coordinates, coordinates over time, and how much each point counts."""
+    """Stress for unit coordinates, coordinates over time, and weights of points and instants."""
 
     modes: Array  #: M, (3 or 6, points, coordinates) [Pa]
     coordinates: Array  #: z, (instants, coordinates)
@@ -73,7 +79,7 @@ class Stresses:
     times: Array  #: (instants,) share of each instant in the time; the start may have none
 
     def mean(self, power: float, gathered: Callable[[Any], list[Any]]) -> Mean:
-        """The mean over the points of all ranks, which are ``gathered``."""
+        """The mean over the points of all ranks, whose values ``gathered`` collects."""
         half, counts, work = 0.5 * power, self.times > 0.0, _Work(len(self.modes))
         history, basis = self._compressed()
         spans = self._spans(half, history, basis, work)
@@ -117,14 +123,14 @@ class Stresses:
         return Mean(value, largest, highest, spans)
 
     def slopes(self, mean: Mean, power: float) -> tuple[Array, Array]:
-        """Derivatives of the ``mean`` by M and by z, the latter of this rank's points alone."""
+        """Derivatives of the ``mean`` by M and by z, by z only of this rank's points."""
         modes_bar, z_bar = np.zeros_like(self.modes), np.zeros_like(self.coordinates)
         if mean.value == 0.0:
             return modes_bar, z_bar
         counts, exponent, work = self.times > 0.0, 0.5 * power - 1.0, _Work(len(self.modes))
         history, basis = self._compressed()
         coordinates, shares = _thinned(mean.spans, history)
-        # with its root in both factors a product has the area in its power
+        # a product of two factors with this root of the area has the area itself
         scale = self.areas ** (1.0 / power) / mean.value
         by_time = np.zeros((len(coordinates), z_bar.shape[1]))
         for points in self._parts():
@@ -149,7 +155,7 @@ class Stresses:
         return modes_bar, z_bar
 
     def _compressed(self) -> tuple[Array, Array]:
-        """Fewer coordinates over the instants that count, and z for unit ones, (fewer, n)."""
+        """Fewer coordinates over the instants that count, and their vectors z, (fewer, n)."""
         size = np.sqrt(np.einsum("ipn,ipn->n", self.modes, self.modes))
         size[size == 0.0] = 1.0
         z = self.coordinates[self.times > 0.0] * size
@@ -158,7 +164,7 @@ class Stresses:
         return u[:, significant] * values[significant], basis[significant] / size
 
     def _spans(self, half: float, history: Array, basis: Array, work: _Work) -> list[Span]:
-        """Spans of all instants, with the fewest nodes that stand for them within `SMOOTH`."""
+        """Spans of all instants, with the fewest nodes that represent them within `SMOOTH`."""
         sampled, all_spans = history[::_SAMPLED].copy(), list[Span]()
         largest_squares = np.zeros((math.ceil(len(history) / INSTANTS), len(self.areas)))
         per_span = INSTANTS // _SAMPLED
@@ -191,7 +197,7 @@ class Stresses:
                     slope = power_of(squared.copy(), half - 1.0)
                     values = np.hstack([slope * squared, slope * math.sqrt(np.max(squared))])
                     error = interpolation @ values[nodes] - values
-                    # beyond what the rest adds by the slopes
+                    # without the first order of the remainder
                     error_of_mean = slope * (squared + half * (exact - squared - remainder))
                     error_of_mean -= power_of(exact.copy(), half)
                     if max(np.max(np.abs(error)), np.max(np.abs(error_of_mean))) <= SMOOTH:
@@ -202,12 +208,12 @@ class Stresses:
         return all_spans
 
     def _parts(self) -> list[slice]:
-        """Points that are gone through at a time."""
+        """The points of each tile."""
         return [slice(i, i + POINTS) for i in range(0, len(self.areas), POINTS)]
 
 
 class _Work:
-    """Places for the stresses of a tile; new ones for each would take as long as the products."""
+    """Memory for the stresses of a tile; allocation would take as long as the products."""
 
     def __init__(self, components: int) -> None:
         self._places = np.empty((components + 2, INSTANTS * POINTS))
@@ -221,7 +227,7 @@ class _Work:
         return self._stress
 
     def squares(self) -> Array:
-        """The squares (instants, points) of the last one."""
+        """The squares (instants, points) of the last stress."""
         total: Array = np.square(self._stress[0], out=self._squared)
         for component in self._stress[1:]:
             total += np.square(component, out=self._more)
@@ -241,7 +247,7 @@ def _choices_of_nodes(instants: int) -> list[tuple[Integers, Array, Array]]:
 
 
 def _closest(powers: Array, times: Array) -> tuple[Array, Array]:
-    """From values at instants of so long ``times`` to the closest sum of ``powers``, and back."""
+    """Matrices from values at instants, weighted by ``times``, to ``powers`` and back."""
     root = np.sqrt(times)[:, None]
     basis, _ = np.linalg.qr(root * powers[:, : int(_DEGREE * powers.shape[1])])
     return (root * basis).T, basis / root
@@ -250,20 +256,20 @@ def _closest(powers: Array, times: Array) -> tuple[Array, Array]:
 def _thinned(spans: list[Span], history: Array) -> tuple[Array, Array]:
     """Coordinates at the nodes of all spans, and their shares in the time."""
     coordinates = [
-        history[where] if smoothing is None else smoothing @ history[where]
-        for where, *_, smoothing in spans
+        history[instants] if smoothing is None else smoothing @ history[instants]
+        for instants, *_, smoothing in spans
     ]
     shares = [np.zeros(0), *(span.shares for span in spans)]
     return np.concatenate([history[:0], *coordinates]), np.concatenate(shares)
 
 
 def _tiles(history: Array) -> list[slice]:
-    """Instants that are gone through at a time."""
+    """The instants of each tile."""
     return [slice(i, i + INSTANTS) for i in range(0, len(history), INSTANTS)]
 
 
 def power_of(values: Array, exponent: float) -> Array:
-    """Values to a power, by products where it is a whole number; the values are overwritten."""
+    """Values to a power, by products if it is a whole number; the values are overwritten."""
     if exponent != int(exponent):
         return np.asarray(values**exponent)
     remaining, odd_factor = int(exponent), None

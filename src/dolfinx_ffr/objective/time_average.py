@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Integrals and power means over the time steps, and objectives that are such means.
 
-By the trapezoidal rule; with the Radau IIA method by the weights of its stages, which have its
-order. A window is integrated to its own ends, also where these cut a step.
+They are taken by the trapezoidal rule, with the Radau IIA method by the weights of its stages,
+which have its order. A window is integrated to its ends, also if these are within a step.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..dynamics import Trajectory, stage_integrals
 from .base import Objective, Response
 
-#: Part of a step by which the sum of steps before it is uncertain
+#: Round-off of the sum of earlier steps, as a part of a step
 _ROUND_OFF = 1e-9
 
 
@@ -63,8 +63,8 @@ def time_weights(
 def _share(place: Array) -> Array:
     """Places within steps, 0 and 1 their ends, of times before, in and after each step."""
     # ends of steps are sums: a window that ends there by round-off cuts no step
-    near = np.round(place)
-    return np.clip(np.where(np.abs(place - near) < _ROUND_OFF, near, place), 0.0, 1.0)
+    rounded = np.round(place)
+    return np.clip(np.where(np.abs(place - rounded) < _ROUND_OFF, rounded, place), 0.0, 1.0)
 
 
 def power_mean(values: Array, weights: Array, power: float) -> tuple[float, Array]:
@@ -86,9 +86,9 @@ def power_mean(values: Array, weights: Array, power: float) -> tuple[float, Arra
 class MeanOverTime(Objective):
     """Power mean over time of a size, or its largest value.
 
-    psi = (1/T int |s(t)|^p dt)^(1/p), and max |s(t)| of the instants where the peak is asked for.
-    Which instant has the peak may change with the design, so the derivatives of a peak are those of
-    the power mean, times the ratio of the peak to the mean at the same design.
+    psi = (1/T int |s(t)|^p dt)^(1/p), or max |s(t)| of the instants with ``peak``. The instant of
+    the peak may change with the design, so the derivatives of a peak are those of the power mean,
+    times the ratio of the peak to the mean at the same design.
     """
 
     power: float  #: The power p, above 1

@@ -46,7 +46,7 @@ from ..arrays import Array, Integers, Mask
 from ..design import Design, Variables, shrunk
 from ..dynamics import SimulationError
 from ..mechanical_problem import ConstraintValue, MechanicalProblem
-from ..objective import Constraint, Response, value_of, whole
+from ..objective import Constraint, Response, constraint_of_place, value_of
 from ..problem import Evaluation, Problem
 from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Iterate, Optimizer
 from .moving_asymptotes import Asymptotes, Secants
@@ -438,7 +438,9 @@ class MMASteps(Iterator[Iterate]):
             self.split(row)[name][:] = _by_variables(name, nominal[name], by_design[name], share)
         slope = np.concatenate([d.penalty(by_design[n])[1] for n, d in designs.items()])
         peaks, peak_slopes = self.peaks(point, evaluation)
-        constraints = {n: c for n, c in evaluation.constraints.items() if whole(n) != OBJECTIVE}
+        constraints = {
+            n: c for n, c in evaluation.constraints.items() if constraint_of_place(n) != OBJECTIVE
+        }
         places_of_objective = len(evaluation.constraints) - len(constraints)
         if not len(peaks):
             psi_slope = self.pulled_back(point, [evaluation.gradient])[0]
@@ -448,8 +450,8 @@ class MMASteps(Iterator[Iterate]):
         slopes = np.vstack([peak_slopes, volumes, gradients])
 
         at_place = np.array([label not in labels for label in constraints], dtype=bool)
-        wholes = [label if label in labels else whole(label) for label in constraints]
-        number = len(volumes) + np.array([labels.index(name) for name in wholes], dtype=int)
+        names = [label if label in labels else constraint_of_place(label) for label in constraints]
+        number = len(volumes) + np.array([labels.index(name) for name in names], dtype=int)
         # the value of a constraint without places is that of the nominal design
         values = np.array([constraint.violation for constraint in constraints.values()])
         bounds = np.where(at_place, values, point.bounds[number])
@@ -471,7 +473,9 @@ class MMASteps(Iterator[Iterate]):
         largest. For `WorstCase` these are the logs of the weighted psi of the load cases near the
         largest one, or, if one is not positive, the weighted psi relative to the largest.
         """
-        places = [c for n, c in evaluation.constraints.items() if whole(n) == OBJECTIVE]
+        places = [
+            c for n, c in evaluation.constraints.items() if constraint_of_place(n) == OBJECTIVE
+        ]
         if places:
             ratios = np.array([1.0 + place.violation for place in places])
             gradients = self.pulled_back(point, [place.gradient for place in places])
@@ -619,9 +623,9 @@ def _with_largest(evaluation: Evaluation, at_places: Evaluation) -> Evaluation:
     """
     worst: dict[str, ConstraintValue] = {}
     for label, place in at_places.constraints.items():
-        if whole(label) == OBJECTIVE:
+        if constraint_of_place(label) == OBJECTIVE:
             continue
-        name = label if label in evaluation.constraints else whole(label)
+        name = label if label in evaluation.constraints else constraint_of_place(label)
         if name not in worst or place.violation > worst[name].violation:
             worst[name] = place
     cases = {
