@@ -27,7 +27,7 @@ from .assembled import (
     whole_numbers,
 )
 
-#: Files that include each other are followed to this depth
+#: Largest depth of files that include each other
 _DEEPEST = 20
 
 
@@ -38,10 +38,10 @@ class InputFile:
         self.path = path
         self._nodes: dict[int, list[float]] = {}
         self._elements: dict[int, list[list[int]]] = {}
-        # by the name in capitals: labels, and ranges of them that are only as long as a file says
+        # labels, and ranges of labels whose length is not checked yet, by name in capitals
         self._sets: dict[str, dict[int | range, None]] = {}
         self._types: set[str] = set()  # of the solid elements
-        self._names: dict[str, str] = {}  # as they are written at first
+        self._names: dict[str, str] = {}  # names of sets as in the file, by name in capitals
         self._read(path, 0)
         if not self._nodes:
             raise ValueError(f"{path}: it has no *NODE")
@@ -53,7 +53,7 @@ class InputFile:
     def _read(self, path: Path, depth: int) -> None:
         if depth > _DEEPEST:
             raise ValueError(f"{path}: files include each other without end")
-        keyword, options, rest = "", dict[str, str](), ""
+        keyword, options, unfinished = "", dict[str, str](), ""
         try:
             lines = path.read_text().splitlines()
         except UnicodeDecodeError as error:
@@ -63,23 +63,25 @@ class InputFile:
                 continue
             try:
                 if line.startswith("*"):
-                    if rest:
+                    if unfinished:
                         raise ValueError("the line before it ends with a comma")
-                    keyword, *given = (part.strip() for part in line.split(","))
+                    keyword, *arguments = (field.strip() for field in line.split(","))
                     keyword = keyword.upper()
-                    pairs = (part.partition("=") for part in given)
-                    options = {key.strip().upper(): value.strip() for key, _, value in pairs}
+                    options = {
+                        key.strip().upper(): value.strip()
+                        for key, _, value in (field.partition("=") for field in arguments)
+                    }
                     if keyword == "*INCLUDE":
                         # by a name from the folder of the whole model, as the programs do
                         self._read(included_file(options["INPUT"], self.path.parent), depth + 1)
                     continue
-                text = rest + line.strip()
-                rest = text if keyword == "*ELEMENT" and text.endswith(",") else ""
-                if not rest:
+                text = unfinished + line.strip()
+                unfinished = text if keyword == "*ELEMENT" and text.endswith(",") else ""
+                if not unfinished:
                     self._data(keyword, options, [x.strip() for x in text.split(",") if x.strip()])
             except (IndexError, KeyError, OverflowError, ValueError) as error:
                 raise ValueError(f"{path}, line {number}: {line[:60]!r}: {error}") from None
-        if rest:
+        if unfinished:
             raise ValueError(f"{path}: it ends within an element: it was cut short")
 
     def _data(self, keyword: str, options: dict[str, str], fields: list[str]) -> None:
@@ -100,8 +102,8 @@ class InputFile:
         elif keyword == "*NSET":
             members = self._members(options["NSET"])
             if "GENERATE" in options:
-                first, last, *step = (int(x) for x in fields)
-                members[range(first, last + 1, *step)] = None
+                begin, end, *step = (int(x) for x in fields)
+                members[range(begin, end + 1, *step)] = None
                 return
             for x in fields:
                 members |= {int(x): None} if x.lstrip("-").isdigit() else self._sets[x.upper()]
@@ -111,7 +113,7 @@ class InputFile:
         return self._sets.setdefault(name.upper(), {})
 
     def _labels_of(self, name: str) -> Integers:
-        """The labels in a set, which are no more than there are nodes."""
+        """The labels in a set; a ValueError if there are more than nodes."""
         labels: set[int] = set()
         for member in self._sets[name]:
             several = member if isinstance(member, range) else (member,)
@@ -124,7 +126,7 @@ class InputFile:
         return np.array(sorted(labels), dtype=np.int64)
 
     def rows(self, what: str, labels: Integers) -> Integers:
-        """The rows of nodes with some labels; ``what`` has them, for messages."""
+        """The rows of nodes with some labels, to which ``what`` refers in messages."""
         rows = np.minimum(np.searchsorted(self.labels, labels), len(self.labels) - 1)
         if np.any(wrong := self.labels[rows] != labels):
             missing = np.unique(labels[wrong])[:5].tolist()

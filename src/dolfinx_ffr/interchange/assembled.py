@@ -16,8 +16,8 @@ from scipy.sparse.csgraph import connected_components
 from .. import validation
 from ..arrays import Array, Integers
 
-#: Largest force or mass by which matrices may miss a property, relative to their entries: files
-#: have seven digits and more
+#: Largest error of a property of matrices, relative to their entries: files have at least seven
+#: digits
 _SAME = 1e-6
 _MOTIONS = (
     *("translation along x", "translation along y", "translation along z"),
@@ -27,9 +27,9 @@ _MOTIONS = (
 
 @dataclass(frozen=True, eq=False)
 class AssembledMatrices:
-    """Matrices of an elastic body in space that nothing holds, with its nodes.
+    """Matrices of a free elastic body in space, with its nodes.
 
-    The nodes are those of solid elements: three displacements each, and a mass that is the same
+    They come from solid elements: each node has three displacements, and a mass that is the same
     along all axes and does not couple them. `reduction.reduce_matrices` makes a body of it.
 
     Raises:
@@ -55,13 +55,15 @@ class AssembledMatrices:
     def __post_init__(self) -> None:
         nodes = validation.real_array("matrices: nodes", self.nodes, (None, 3))
         n = len(nodes)
-        made: dict[str, Any] = {"nodes": nodes}
+        checked: dict[str, Any] = {"nodes": nodes}
         for key in ("stiffness", "mass"):
-            made[key] = _matrix(f"matrices: {key}", getattr(self, key), 3 * n)
+            checked[key] = _matrix(f"matrices: {key}", getattr(self, key), 3 * n)
         sets = validation.by_name("matrices: node_sets", self.node_sets, "nodes")
-        made["node_sets"] = {name: _nodes(f"node set {name!r}", of, n) for name, of in sets.items()}
-        made["faces"] = np.asarray(self.faces, dtype=np.int64).reshape(-1, 3)
-        for key, value in made.items():
+        checked["node_sets"] = {
+            name: _nodes(f"node set {name!r}", members, n) for name, members in sets.items()
+        }
+        checked["faces"] = np.asarray(self.faces, dtype=np.int64).reshape(-1, 3)
+        for key, value in checked.items():
             object.__setattr__(self, key, value)
         _check_mass(self.mass)
         _check_rigid(self.stiffness, nodes)
@@ -131,7 +133,7 @@ def _check_mass(mass: scipy.sparse.csr_matrix) -> None:
     """Refuse a mass that couples the axes, differs from axis to axis, or is not positive."""
     by_axis = [mass[k::3, k::3] for k in range(3)]
     coupling = max(abs(mass[k::3, j::3]).max() for k in range(3) for j in range(3) if j != k)
-    difference = max(abs(by_axis[0] - other).max() for other in by_axis[1:])
+    difference = max(abs(by_axis[0] - matrix).max() for matrix in by_axis[1:])
     size, smallest = abs(mass).max(), mass.diagonal().min()
     if max(coupling, difference) > _SAME * size:
         raise ValueError(
@@ -217,7 +219,7 @@ _CORNERS = {4: 4, 10: 4, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
 
 
 def surface(elements: Sequence[Integers]) -> Integers:
-    """Triangles (k, 3) that cover the faces of blocks of elements (m, nodes) which only one has."""
+    """Triangles (k, 3) that cover the surface of blocks of elements (m, nodes)."""
     triangles, keys = [], []
     for block in elements:
         for face in _FACES[_CORNERS[block.shape[1]]]:
@@ -237,5 +239,5 @@ def surface(elements: Sequence[Integers]) -> Integers:
 
 
 def solid_corners(nodes: int) -> bool:
-    """Whether an element with so many nodes is a solid one."""
+    """Whether elements with this number of nodes are solid elements."""
     return nodes in _CORNERS

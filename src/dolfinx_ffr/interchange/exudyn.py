@@ -31,7 +31,7 @@ from ..tensors import axial, cross_matrix, of_theta, theta
 from .format import Arrays, elastic, markers
 from .numpy_file import open_archive, read_arrays, write_all
 
-#: What a file of Exudyn must have for a body to be made of it
+#: Arrays of a file of Exudyn from which a body is made
 _NEEDED = (
     *("modeBasis", "massMatrixReduced", "stiffnessMatrixReduced", "xRef", "inertiaLocal"),
     *("totalMass", "chiU", "mPsiTildePsiTilde", "mPhitTPsi", "mXRefTildePsiTilde"),
@@ -40,7 +40,7 @@ _NODES = 4
 
 
 class Exudyn:
-    """Files of reduced bodies for Exudyn, which end in .npz as our own."""
+    """Files of reduced bodies for Exudyn, which end in .npz as this package's own files."""
 
     name = "exudyn"
     endings: tuple[str, ...] = ()
@@ -49,13 +49,14 @@ class Exudyn:
 
     def write(self, path: Path, arrays: Arrays) -> None:
         mass, S, P, K = elastic(arrays)
-        r, (names, at) = len(S) - 1, markers(arrays)
+        r, (names, marker_arrays) = len(S) - 1, markers(arrays)
         # a power of two near the radius of gyration, so that the lever costs no digits
         lever = 2.0 ** np.round(0.5 * np.log2(np.trace(P[0, 0]) / mass))
         arms = lever * np.vstack([np.zeros(3), np.eye(3)])
-        turns = np.array([[np.cross(psi.T, arm).T for arm in arms] for psi in at["rotations"]])
-        shapes = at["displacements"][:, None] + turns.reshape(len(names), _NODES, 3, r)
-        nodes = at["positions"][:, None] + arms
+        rotations = marker_arrays["rotations"]
+        turns = np.array([[np.cross(psi.T, arm).T for arm in arms] for psi in rotations])
+        shapes = marker_arrays["displacements"][:, None] + turns.reshape(len(names), _NODES, 3, r)
+        nodes = marker_arrays["positions"][:, None] + arms
         skew = np.array([cross_matrix(s) for s in S]).reshape(-1, 3, 3)
         write_all(
             path,
@@ -122,7 +123,7 @@ class Exudyn:
 
 
 def _check_heads(heads: Mapping[str, Head]) -> None:
-    """Refuse arrays that are none of one body by their names and sizes."""
+    """Raise a ValueError for arrays whose names or sizes are not those of one body."""
     if missing := [key for key in _NEEDED if key not in heads]:
         raise ValueError(f"the arrays {missing} are missing: it is no file of Exudyn")
     rows, *columns = heads["modeBasis"].shape

@@ -46,9 +46,9 @@ def write_body(path: str | Path, arrays: Arrays, format: str | None = None) -> N
             "its integrals, make one in space of it"
         )
     left_out = [
-        what
-        for what, keys in FEATURES.items()
-        if what not in kind.holds and any(key in arrays and np.any(arrays[key]) for key in keys)
+        feature
+        for feature, keys in FEATURES.items()
+        if feature not in kind.holds and any(key in arrays and np.any(arrays[key]) for key in keys)
     ]
     if kind.name != "npz" and left_out:
         warnings.warn(
@@ -89,7 +89,7 @@ def read_body(path: str | Path, format: str | None = None) -> dict[str, Any]:
         raise ValueError(message) from error
 
     if kind.name != "npz":
-        # what is zero in a body, as moments across a flat one, and round-off after contractions
+        # moments that are zero in the body, as across a flat one, are round-off after contractions
         P = arrays["P"]
         size = np.sqrt(np.abs(np.einsum("aakk->a", P)))
         arrays["P"] = np.where(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What kinds of files have in common: protocol, checksum, and the arrays of a body."""
+"""The protocol of file formats, checksums of texts, and the arrays of a body."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ..arrays import Array
 
 #: A body by key, see `numpy_file`; ``damping`` (modes, modes) may stand there, too
 Arrays = Mapping[str, Any]
-#: Where the checksum of a text stands in it
+#: Pattern of the checksum in a text
 _SEAL = re.compile(rb"dolfinx_ffr crc32=([0-9a-f]{8})")
 SEAL = "dolfinx_ffr crc32=00000000"
 
-#: What a file may be unable to hold, with the keys of the arrays that it then lacks
+#: Properties that a format may be unable to hold, with the keys of their arrays
 FEATURES = {
     "geometric stiffening": ("stiffening_rotation", "stiffening_acceleration"),
     "stiffening by forces at markers": ("marker_stiffening",),
@@ -30,38 +30,38 @@ FEATURES = {
 
 
 class InterchangeWarning(UserWarning):
-    """Something of a body that a file cannot hold, or that is not taken from it."""
+    """A file cannot hold a property of a body, or a property in a file is not used."""
 
 
 class Format(Protocol):
-    """One kind of file for a body in space."""
+    """A file format for a body in space."""
 
-    name: str  #: For the argument ``format``
-    endings: tuple[str, ...]  #: Of its files; the first one is usual
-    holds: tuple[str, ...]  #: Those of `FEATURES` that it can hold
-    readable: bool  #: Whether a body can be made of it again
+    name: str  #: Name for the argument ``format``
+    endings: tuple[str, ...]  #: Endings of its files; the first one is usual
+    holds: tuple[str, ...]  #: Properties of `FEATURES` that it can hold
+    readable: bool  #: Whether its files have all that makes a body
 
     def write(self, path: Path, arrays: Arrays) -> None:
-        """Write a body, its ``arrays`` by key, to a ``path`` in one stroke."""
+        """Write a body, its ``arrays`` by key, to a ``path`` completely or not at all."""
         ...
 
     def read(self, path: Path) -> dict[str, Any]:
-        """The arrays of the body at a ``path``; a ValueError says what is wrong with the file."""
+        """The arrays of the body at a ``path``; a ValueError explains the defect of a file."""
         ...
 
 
 def sealed(text: str) -> bytes:
-    """A text in whose `SEAL` the checksum of the whole is entered."""
+    """A text whose `SEAL` is replaced by its checksum."""
     content = text.encode()
     return content.replace(SEAL.encode(), b"%s%08x" % (SEAL[:-8].encode(), zlib.crc32(content)), 1)
 
 
 def unsealed(path: Path) -> str:
-    """The text of a file; one with a checksum that is not its own is refused."""
+    """The text of a file; a ValueError if it has a checksum that differs from its own."""
     content = path.read_bytes()
-    if found := _SEAL.search(content):
-        whole = _SEAL.sub(SEAL.encode(), content, count=1)
-        if int(found[1], 16) != zlib.crc32(whole):
+    if checksum := _SEAL.search(content):
+        unstamped = _SEAL.sub(SEAL.encode(), content, count=1)
+        if int(checksum[1], 16) != zlib.crc32(unstamped):
             raise ValueError(
                 "the file was changed or cut after it was written (its checksum differs); write it "
                 "again, or delete the checksum if the change was meant"
@@ -73,7 +73,7 @@ def unsealed(path: Path) -> str:
 
 
 def number(text: str, line: int) -> float:
-    """A number with a Fortran exponent or another."""
+    """The number in a text, whose exponent may be Fortran's."""
     try:
         value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
@@ -95,11 +95,11 @@ def markers(arrays: Arrays) -> tuple[list[str], dict[str, Array]]:
     r = len(arrays["S"]) - 1
     names = [str(name) for name in arrays.get("markers", np.zeros(0, dtype=np.str_)).ravel()]
     n = len(names)
-    none = {
+    zeros = {
         "positions": np.zeros((n, 3)),
         "displacements": np.zeros((n, 3, r)),
         "rotations": np.zeros((n, 3, r)),
         "stiffening": np.zeros((n, 3, r, r)),
         "axes": np.broadcast_to(np.eye(3), (n, 3, 3)),
     }
-    return names, {key: arrays.get(f"marker_{key}", default) for key, default in none.items()}
+    return names, {key: arrays.get(f"marker_{key}", default) for key, default in zeros.items()}

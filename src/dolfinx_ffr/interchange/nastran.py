@@ -29,16 +29,16 @@ from .assembled import AssembledMatrices, from_entries
 from .format import Arrays
 from .superelement import superelement
 
-#: Of symmetric matrices and of double precision, in pyNastran's words
+#: Numbers of Nastran for symmetric matrices and for double precision
 _SYMMETRIC, _DOUBLE = 6, 2
 #: Cards that are read
 _CARDS = ("GRID", "GRDSET", "DMIG")
-#: Files that include each other are followed to this depth
+#: Largest depth of files that include each other
 _DEEPEST = 20
 
 
 def _pynastran(what: str) -> tuple[Any, Any]:
-    """The modules of bulk data and of matrices, which warn of themselves beside new libraries."""
+    """The modules of bulk data and of matrices, without their warnings of new libraries."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -89,7 +89,7 @@ class Nastran:
         replace_file(path, text.getvalue().encode())
 
     def read(self, path: Path) -> dict[str, Any]:
-        """Not of a body, see `read_nastran`."""
+        """Raise a ValueError, as these files hold no body; see `read_nastran`."""
         raise ValueError("matrices are read by read_nastran")
 
 
@@ -149,11 +149,10 @@ def read_nastran(
 
 
 def _bulk_data(bdf: Any, path: Path) -> Any:
-    """The model of pyNastran, of the cards that are needed here.
+    """The model of pyNastran with the cards that are needed here.
 
-    pyNastran executes comments of a file ("$ pyNastran: code-block = ..."), reads whatever a file
-    includes, and prints pages of errors about cards that are of no interest here. So it gets the
-    cards alone.
+    pyNastran executes comments of a file ("$ pyNastran: code-block = ..."), reads all files that it
+    includes, and prints pages of errors about other cards. So it gets only these cards.
     """
     cards = "\n".join(_cards(path, path.parent, 0))
     model = bdf.BDF(debug=None)
@@ -163,7 +162,7 @@ def _bulk_data(bdf: Any, path: Path) -> Any:
 
 
 def _cards(path: Path, folder: Path, depth: int) -> Iterator[str]:
-    """The lines of the cards in a file that are read, and of those that it includes."""
+    """The lines of the `_CARDS` in a file and in the files that it includes."""
     if depth > _DEEPEST:
         raise ValueError(f"{path}: files include each other without end")
     is_read = False  # whether the lines belong to a card that is read

@@ -72,14 +72,14 @@ class NumpyFile:
 
 
 def write_all(path: Path, arrays: Arrays) -> None:
-    """Write arrays by key to a file; an older file is replaced when all is written."""
+    """Write arrays by key to a file, which replaces an older one at the end."""
     content = io.BytesIO()
     np.savez(content, **arrays)
     replace_file(path, content.getvalue())
 
 
 def _check_heads(heads: Mapping[str, Head]) -> None:
-    """Refuse arrays that are none of one body by their keys, kinds and shapes."""
+    """Raise a ValueError for arrays whose keys, types or shapes are not those of one body."""
     unknown = sorted(set(heads) - set(_KEYS))
     if unknown:
         raise ValueError(f"unknown keys {unknown}; the keys are {_KEYS}")
@@ -136,7 +136,7 @@ def _shapes(r: int, d: int, n: int) -> dict[str, tuple[int, ...]]:
 
 
 def open_archive(path: Path) -> Archive:
-    """A file of arrays, of which nothing but the heads has been read."""
+    """A file of arrays, of which only the heads are read."""
     content = path.read_bytes()
     with _named(path):
         return Archive.of(content)

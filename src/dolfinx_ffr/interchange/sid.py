@@ -57,19 +57,19 @@ from .format import (
     unsealed,
 )
 
-#: Terms of order zero, and of order one with the index of q before that of the column
+#: Terms of order zero, and of order one with the index of q before the index of the column
 Taylor = tuple[Array, Array | None]
 #: Pairs of axes of products of angular velocities 11, 22, 33, 12, 23, 13
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 _J = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _NODE = {"origin": (3, 1), "phi": (3, None), "psi": (3, None), "AP": (3, 3), "sigma": (6, 1)}
 _FIELDS = ("order", "nrow", "ncol", "nq", "nqn", "structure")
-#: Largest difference of terms that say the same, relative to their size: files have few digits
+#: Largest difference of redundant terms, relative to their size, as files have few digits
 _SAME = 1e-5
-#: Share of the inertia below which a difference is round-off and no stiffening
+#: Largest difference that is round-off and no stiffening, as a share of the inertia
 _ROUND_OFF = 1e-9
-#: Factor by which terms are scaled at least where they are too large for any mass
-_LEAST = 0.5
+#: Smallest factor that scales terms which are too large for any mass
+_SMALLEST_SCALE = 0.5
 
 
 class StandardInputData:
@@ -81,7 +81,7 @@ class StandardInputData:
     readable = True
 
     def write(self, path: Path, arrays: Arrays) -> None:
-        terms, (names, at), r = sid_terms(arrays), markers(arrays), len(arrays["S"]) - 1
+        terms, (names, marker_arrays), r = sid_terms(arrays), markers(arrays), len(arrays["S"]) - 1
         lines = [
             f"{len(names):5d}{r:5d}    :No. nodes, No. modes:{SEAL} markers={json.dumps(names)}",
             " part",
@@ -94,7 +94,7 @@ class StandardInputData:
             mode = f"Eigen Mode {k:4d} :{frequency:13.6g} Hz"
             lines.append(f"                ielastq ({k:4d})                  = {mode}")
         lines += ["           end refmod", "           frame"]
-        for k, node in enumerate(zip(*at.values(), strict=True), 1):
+        for k, node in enumerate(zip(*marker_arrays.values(), strict=True), 1):
             lines.append(f"                new node                        ={k:6d}")
             lines.append("                     rframe                     =    body ref")
             for key, term in _node_terms(*node).items():
@@ -118,24 +118,25 @@ class StandardInputData:
 
 
 def read_terms(path: str | Path) -> dict[str, Taylor]:
-    """The terms of the file at a ``path`` by name, whatever body they make, as of no q and of q.
+    """The terms of the file at a ``path`` by name, of order zero and one in q.
 
-    The first order has the index of q before that of the column, and may be None.
+    They need not make a body. The first order has the index of q before the index of the column,
+    and may be None.
     """
     return _Reader(unsealed(Path(path))).modal()[1]
 
 
 def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
-    """The terms of a body's standard input data by name; ``arrays`` are those of the body."""
+    """The terms of the standard input data of a body by name, from its ``arrays``."""
     _, S, P, K = elastic(arrays)
     r = len(S) - 1
-    none = np.zeros((3, 3, r, r))
-    turned = np.moveaxis(arrays.get("stiffening_rotation", none), (0, 1), (2, 3))
-    moved = np.moveaxis(arrays.get("stiffening_acceleration", none[0]), 0, 2)
-    first, second = P[1:, 0], P[1:, 1:]
+    zeros = np.zeros((3, 3, r, r))
+    turned = np.moveaxis(arrays.get("stiffening_rotation", zeros), (0, 1), (2, 3))
+    moved = np.moveaxis(arrays.get("stiffening_acceleration", zeros[0]), 0, 2)
+    mixed, squares = P[1:, 0], P[1:, 1:]
     inertia, by_q = theta(P[0, 0]), theta(P[0, 1:] + P[1:, 0])
-    bent = second + turned  # j, k
-    gyro, by_gyro = 2.0 * theta(first), 2.0 * theta(second)  # k, i, j and k, l, i, j
+    bent = squares + turned  # j, k
+    gyro, by_gyro = 2.0 * theta(mixed), 2.0 * theta(squares)  # k, i, j and k, l, i, j
     mass_matrix = np.trace(P[1:, 1:], axis1=2, axis2=3)
     return {
         "mdCM": (S[0][:, None], S[1:].T[:, :, None]),
@@ -144,14 +145,14 @@ def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
             np.array([by_q[:, i, j] for i, j in _J])[:, :, None],
         ),
         "Ct": (S[1:], moved),
-        "Cr": (axial(first), axial(bent)),
+        "Cr": (axial(mixed), axial(bent)),
         "Me": (mass_matrix, None),
         "Gr": (
             gyro.transpose(1, 0, 2).reshape(3, 3 * r),
             by_gyro.transpose(2, 1, 0, 3).reshape(3, r, 3 * r),
         ),
-        "Ge": (2.0 * axial(second).reshape(r, 3 * r), None),
-        "Oe": (_centrifugal(first), _centrifugal(bent)),
+        "Ge": (2.0 * axial(squares).reshape(r, 3 * r), None),
+        "Oe": (_centrifugal(mixed), _centrifugal(bent)),
         "ksigma": (np.zeros((r, 1)), None),
         "Ke": (K, None),
         "De": (arrays.get("damping", np.zeros((r, r))), None),
@@ -183,14 +184,14 @@ def _fortran(value: float) -> str:
 
 def _written(name: str, m0: Array, m1: Array | None, indent: int) -> Iterator[str]:
     """The lines of a term; zeros are left out."""
-    at, inner = " " * indent, " " * (indent + 5)
+    outer, inner = " " * indent, " " * (indent + 5)
     rows, columns = m0.shape
     r = m1.shape[1] if m1 is not None else {"Me": rows, "Ke": rows, "De": rows}.get(name, columns)
     r = {"ksigma": rows, "Ge": rows}.get(name, r)
     order = int(m1 is not None)
     zero = not np.any(m0) and (m1 is None or not np.any(m1))
     numbers = (order, rows, columns, r, 0, 0 if zero else 3)
-    yield at + name
+    yield outer + name
     for key, value in zip(_FIELDS, numbers, strict=True):
         yield f"{inner}{key:<22}={value:5d}"
     for i, j in np.argwhere(m0):
@@ -199,11 +200,11 @@ def _written(name: str, m0: Array, m1: Array | None, indent: int) -> Iterator[st
         m1 = np.zeros((0, 0, 0))
     for i, k, j in np.argwhere(m1):
         yield f"{inner}{f'm1({i + 1:4d},{k + 1:4d},{j + 1:4d})':<22}={_fortran(m1[i, k, j])}"
-    yield f"{at}end {name}"
+    yield f"{outer}end {name}"
 
 
 class _Reader:
-    """The lines of a file, one after the other."""
+    """A reader of the lines of a file, one after the other."""
 
     _entry = re.compile(r"m([01])\s*\(([\d\s,]+)\)\s*=\s*(\S+)$")
 
@@ -262,22 +263,23 @@ class _Reader:
             nodes[name] = self._terms("end node", _NODE)
         self._expect("end", "frame")
         r = self.r
-        known = {"mdCM": (3, 1), "J": (None, None), "Ct": (r, 3), "Cr": (r, 3), "Me": (r, r)}
-        known |= {"Gr": (3, 3 * r), "Ge": (r, 3 * r), "Oe": (r, 6), "ksigma": (r, 1)}
-        terms = self._terms("end modal", {**known, "Ke": (r, r), "De": (r, r)})
+        layouts = {"mdCM": (3, 1), "J": (None, None), "Ct": (r, 3), "Cr": (r, 3), "Me": (r, r)}
+        layouts |= {"Gr": (3, 3 * r), "Ge": (r, 3 * r), "Oe": (r, 6), "ksigma": (r, 1)}
+        terms = self._terms("end modal", {**layouts, "Ke": (r, r), "De": (r, r)})
         self._expect("end", "part")
         if missing := sorted({"mdCM", "J", "Ct", "Cr", "Me", "Gr", "Oe", "Ke"} - set(terms)):
             raise ValueError(f"the terms {missing} are missing")
         return mass, terms, nodes
 
-    def _terms(self, end: str, known: dict[str, Any]) -> dict[str, Taylor]:
+    def _terms(self, end: str, layouts: dict[str, Any]) -> dict[str, Taylor]:
         terms: dict[str, Taylor] = {}
         while (name := self._next(end)) != end:
-            if name not in known or name in terms:
+            if name not in layouts or name in terms:
                 raise ValueError(
-                    f"line {self.line}: {name[:60]!r} is not one of {list(known)}, or stands twice"
+                    f"line {self.line}: {name[:60]!r} is not one of {list(layouts)}, or stands "
+                    "twice"
                 )
-            rows, columns = known[name]
+            rows, columns = layouts[name]
             terms[name] = self._taylor(name, rows, self.r if name in ("phi", "psi") else columns)
         return terms
 
@@ -331,9 +333,9 @@ def _body(
     P[1:, 0], P[0, 1:] = mixed, mixed.transpose(0, 2, 1)
     P[0, 0] = of_theta(_inertia(terms["J"], mixed))
     if np.any(first_order("mdCM")):
-        _alike("mdCM", first_order("mdCM")[:, :, 0], "Ct", S[1:].T)
+        _check_agreement("mdCM", first_order("mdCM")[:, :, 0], "Ct", S[1:].T)
     Me = terms["Me"][0]
-    # of Cr the part that changes its sign with j and k is inertia, the other one stiffening
+    # the antisymmetric part of Cr in j and k is inertia, the symmetric part is stiffening
     by_cr = first_order("Cr")
     spun, symmetric = (0.5 * (by_cr + sign * by_cr.transpose(1, 0, 2)) for sign in (-1.0, 1.0))
     by_oe = first_order("Oe")
@@ -344,9 +346,9 @@ def _body(
         scale, P[1:, 1:] = _second_moments(by_oe, spun, Me, mass, S, P)
         S[1:], P[1:, 0], P[0, 1:] = scale * S[1:], scale * P[1:, 0], scale * P[0, 1:]
     P[1:, 1:] = 0.5 * (P[1:, 1:] + P[1:, 1:].transpose(1, 0, 3, 2))
-    _alike("Me", Me, "Gr or Oe", np.trace(P[1:, 1:], axis1=2, axis2=3))
+    _check_agreement("Me", Me, "Gr or Oe", np.trace(P[1:, 1:], axis1=2, axis2=3))
     if np.any(first_order("Gr")):
-        _alike("Cr", spun, "Gr", axial(P[1:, 1:]))
+        _check_agreement("Cr", spun, "Gr", axial(P[1:, 1:]))
     size = np.sqrt(np.abs(np.outer(np.diag(Me), np.diag(Me))))
     turned = _of_parts(by_oe - _centrifugal(P[1:, 1:]), symmetric)
     stiff = {
@@ -354,8 +356,8 @@ def _body(
         "stiffening_acceleration": np.moveaxis(first_order("Ct"), 2, 0),
     }
     for key, array in (("Oe", by_oe), ("Ct", first_order("Ct"))):
-        apart = _difference(array, array.transpose(1, 0, 2))
-        _doubted(f"{key} by q_j and by q_k, whose mean is taken", apart)
+        difference = _difference(array, array.transpose(1, 0, 2))
+        _warn_of_contradiction(f"{key} by q_j and by q_k, whose mean is taken", difference)
     arrays: dict[str, Any] = {
         **{key: 0.5 * (a + np.swapaxes(a, -1, -2)) for key, a in stiff.items()},
         "mass": np.float64(mass),
@@ -391,7 +393,7 @@ def _markers(nodes: dict[str, dict[str, Taylor]], r: int) -> dict[str, Array]:
             terms[key] for key in ("origin", "phi", "psi", "AP")
         )
         if moved is not None and np.any(moved) and np.any(phi):
-            _alike(f"node {name}: origin", moved[:, :, 0], "phi", phi)
+            _check_agreement(f"node {name}: origin", moved[:, :, 0], "phi", phi)
         lists["marker_positions"].append(x[:, 0])
         lists["marker_displacements"].append(phi)
         lists["marker_rotations"].append(psi)
@@ -420,7 +422,7 @@ def _mixed_moments(terms: dict[str, Taylor]) -> Array:
         _of_parts(coefficients[:, order], vectors) for order in ([*range(6)], [0, 1, 2, 3, 5, 4])
     ]
     differences = [_difference(theta(moments), gyro) for moments in candidates]
-    _doubted("Gr and that of Cr and Oe, which are taken", min(differences))
+    _warn_of_contradiction("Gr and that of Cr and Oe, which are taken", min(differences))
     if differences[1] < 1e-3 * differences[0]:
         coefficients[:] = coefficients[:, [0, 1, 2, 3, 5, 4]]
         if terms["Oe"][1] is not None:
@@ -430,7 +432,7 @@ def _mixed_moments(terms: dict[str, Taylor]) -> Array:
 
 
 def _inertia(J: Taylor, mixed: Array) -> Array:
-    """The tensor (3, 3) of a column or a matrix; what q adds to it must fit P_k0, (r, 3, 3)."""
+    """The tensor (3, 3) of a column or a matrix; its first order must agree with P_k0."""
     m0, m1 = J
     expected = theta(mixed + mixed.transpose(0, 2, 1)).transpose(1, 0, 2)
     best: tuple[float, Array] = (np.inf, m0)
@@ -447,18 +449,19 @@ def _inertia(J: Taylor, mixed: Array) -> Array:
             best = difference, tensor
     if best[0] > _SAME:
         raise ValueError(f"the terms J, Cr and Oe contradict each other by {best[0]:.1e}")
-    _alike("J", best[1], "its transpose", best[1].T)
+    _check_agreement("J", best[1], "its transpose", best[1].T)
     return best[1]
 
 
 def _second_moments(
     by_oe: Array, spun: Array, Me: Array, mass: float, S: Array, P: Array
 ) -> tuple[float, Array]:
-    """P_jk, (r, r, 3, 3), where Gr does not have it, and by which S_j and P_j0 are to be scaled.
+    """P_jk, (r, r, 3, 3), if Gr does not have it, and the factor for S_j and P_j0.
 
-    It follows from Oe and Cr, if Oe has no stiffening. Else the least that moves with 1 and X, the
-    rest of Me alike along all axes, and turns as far as that allows. Bodies with these moments
-    differ by terms of second order in q, which the standard leaves out, beside those of Cr and Ge.
+    It follows from Oe and Cr if Oe has no stiffening. Else it is estimated: the least moments that
+    S_j and P_j0 allow, the rest of Me in equal shares along all axes, and the turning part of Cr as
+    far as no mass becomes negative. Bodies with other moments differ by terms of second order in q,
+    which the standard leaves out, and by the first order of Cr and Ge.
     """
 
     def smallest(moments: Array) -> float:
@@ -477,10 +480,10 @@ def _second_moments(
     needed = np.trace(least, axis1=2, axis2=3)
     largest_ratio = np.max(scipy.linalg.eigh(needed, Me, eigvals_only=True))
     square = float(min(1.0, 0.999 / largest_ratio))
-    if square < _LEAST**2:
+    if square < _SMALLEST_SCALE**2:
         raise ValueError(
             f"no mass moves as Ct, Cr and Oe say: they are {square**-0.5:.1f} times as large as Me "
-            "and J allow; the terms themselves can be had from read_terms"
+            "and J allow; read_terms returns the terms themselves"
         )
     remainder = (Me - square * needed)[:, :, None, None] * np.eye(3) / 3.0
     turns = _of_parts(np.zeros((*Me.shape, 6)), spun - square * axial(least))
@@ -488,17 +491,17 @@ def _second_moments(
     shares = (
         share for share in np.linspace(1.0, 0.0, 101) if smallest(remainder + share * turns) >= 0
     )
-    kept_share = float(next(shares, 0.0))
+    share = float(next(shares, 0.0))
     warnings.warn(
         "Oe and Cr hold more than the inertia of the coordinates that Me has, as with geometric "
         "stiffening, or contradict it, and the file has no first order of Gr that tells: the "
         "inertia of pairs of coordinates is estimated, and what is left of Oe is stiffening"
         + (f"; Ct, Cr and Oe are too large for Me, and scaled by {square**0.5:.3f}" * (square < 1))
-        + (f"; only {kept_share:.0%} of the turning part of Cr is kept" * (kept_share < 1)),
+        + (f"; only {share:.0%} of the turning part of Cr is used" * (share < 1)),
         InterchangeWarning,
         stacklevel=2,
     )
-    return square**0.5, np.asarray(square * least + remainder + kept_share * turns)
+    return square**0.5, np.asarray(square * least + remainder + share * turns)
 
 
 def _difference(one: Array, other: Array) -> float:
@@ -507,17 +510,24 @@ def _difference(one: Array, other: Array) -> float:
     return float(np.max(np.abs(one - other), initial=0.0) / size) if size > 0.0 else 0.0
 
 
-def _doubted(what: str, apart: float) -> None:
-    """Warn where terms that say the same differ, as where a program approximates some."""
-    if apart > _SAME:
-        text = f"the file contradicts itself: {what}, differ by {apart:.1e} of the largest entry"
-        warnings.warn(text, InterchangeWarning, stacklevel=3)
+def _warn_of_contradiction(terms: str, difference: float) -> None:
+    """Warn of redundant terms that differ, as when a program approximates some."""
+    if difference > _SAME:
+        warnings.warn(
+            f"the file contradicts itself: {terms}, differ by {difference:.1e} of the largest "
+            "entry",
+            InterchangeWarning,
+            stacklevel=3,
+        )
 
 
-def _alike(what: str, one: Array, other: str, values: Array) -> None:
-    """Refuse terms that say the same otherwise."""
-    if (apart := _difference(one, values)) > _SAME:
-        raise ValueError(f"{what} and {other} must agree, but entries differ by {apart:.1e}")
+def _check_agreement(name: str, values: Array, other_name: str, other_values: Array) -> None:
+    """Raise a ValueError if redundant terms differ."""
+    difference = _difference(values, other_values)
+    if difference > _SAME:
+        raise ValueError(
+            f"{name} and {other_name} must agree, but entries differ by {difference:.1e}"
+        )
 
 
 def _centrifugal(Z: Array) -> Array:
