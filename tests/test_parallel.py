@@ -284,7 +284,7 @@ def test_what_differs_between_the_ranks_is_named(comm: MPI.Intracomm) -> None:
     def steps(of_others: int) -> ffr.GeneralizedAlpha:
         return ffr.GeneralizedAlpha(2.0, of_others if one else 20)
 
-    approximate = ffr.paper.ApproximateGradient(batch=128 + one, progress=bool(one))
+    approximate = ffr.paper.ApproximateGradient(compare_every=128 + one, progress=bool(one))
     methods = [(ffr.LevelSetEvolution(), ffr.MMA(tolerance=0.5)), (ffr.MMA(), ffr.MMA(move=0.2))]
     start, integrator = levelset.even() * (1.0 + comm.rank), r"problem: (the )?integrator differs"
     designs: list[tuple[dict[str, Any], str]] = [

@@ -45,21 +45,11 @@ def ways(x: np.ndarray) -> np.ndarray:
     return np.asarray(np.cos(31.0 * x[:, 0] - 45.0 * x[:, 1]))
 
 
-def scattered(n: int = 10) -> np.ndarray:
-    """Knots without any order, more or less evenly over the rod and beyond its edge."""
-    across = np.linspace(-0.05, 0.05, n)
-    x, y = np.meshgrid(np.linspace(-0.01, 0.41, 4 * n - 4), across, indexing="ij")
-    dx, dy = 0.03 / n * np.sin(91.0 * y + 40.0 * x), 0.02 / n * np.cos(77.0 * x)
-    return np.column_stack([(x + dx).ravel(), (y + dy).ravel()])
-
-
 def level_sets(comm: MPI.Intracomm, kind: str, folder: Path) -> ffr.LevelSet:
     """On meshes and knots of several kinds."""
     if kind == "gmsh":
         path = rod_file(comm, folder, length=LENGTH, height=HEIGHT, size=0.016)
         return ffr.LevelSet(ffr.Domain.from_gmsh(comm, path, solid=["solid"]))
-    if kind == "scattered":
-        return ffr.LevelSet(rod(comm), knots=scattered())
     if kind == "mirrored":
         return ffr.LevelSet(rod(comm, "triangle", (20, 4)), mirrors=[AXIS])
     if kind == "box":
@@ -76,13 +66,11 @@ def levelset() -> ffr.LevelSet:
     return ffr.LevelSet(rod(MPI.COMM_SELF))
 
 
-KINDS = ["quadrilateral", "triangle", "order 2", "gmsh", "scattered", "mirrored", "box"]
+KINDS = ["quadrilateral", "triangle", "order 2", "gmsh", "mirrored", "box"]
 
 
-@pytest.mark.parametrize("knots", [None, scattered()], ids=["grid", "scattered"])
-def test_the_field_is_a_mean_of_its_coefficients(knots: np.ndarray | None) -> None:
+def test_the_field_is_a_mean_of_its_coefficients(levelset: ffr.LevelSet) -> None:
     """Even coefficients give an even field, on the body and beside it; none leaves their range."""
-    levelset = ffr.LevelSet(rod(MPI.COMM_SELF), knots=knots)
     points = np.random.default_rng(0).uniform([-0.005, -0.045], [0.405, 0.045], (500, 2))
     for value in (0.0, 0.3, 1.0):
         np.testing.assert_allclose(levelset.level(levelset.even(value))(points), value - 0.5)
@@ -290,8 +278,7 @@ NO_LINE, NO_PLANE = (
         ({"minimum_member": 0.05, "minimum_gap": 0.011}, "may differ .* by a factor of four"),
         ({"spacing": 0.1}, "spacing is too large for the body .* fewer than 3 across it"),
         ({"minimum_member": 5.0}, "minimum_member or minimum_gap is too large .* in metres"),
-        ({"knots": np.zeros((5, 2))}, "two knots coincide"),
-        ({"knots": scattered()[:200]}, "% of the body is beyond the reach of all knots"),
+        ({"spacing": 0.04}, "% of the body is beyond the reach of all knots"),
         ({"mirrors": [ffr.Mirror((0.2, 0.01), (0.0, 1.0))]}, NO_LINE),
         ({"mirrors": [ffr.Mirror((0.2, 0.0), (-0.2, 1.0))]}, NO_LINE),
         ({"mirrors": [ffr.Mirror((0.15, 0.0), (1.0, 0.0))]}, NO_LINE),

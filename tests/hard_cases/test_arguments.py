@@ -80,7 +80,7 @@ BY_NAME: dict[str, Sequence[Any]] = {
     **dict.fromkeys(("floor", "threshold", "eta"), INNER_SHARE),
     **dict.fromkeys(("void", "progress", "spectral_radius"), SHARE),
     **dict.fromkeys(("modes", "iterations", "compare_every"), COUNT),
-    **dict.fromkeys(("order", "steps", "batch", "n", "number", "cluster"), WHOLE_FROM_1),
+    **dict.fromkeys(("order", "steps", "n", "number", "cluster"), WHOLE_FROM_1),
     **dict.fromkeys(("a", "b", "marker", "point", "line", "relative_to"), MARKER),
     **dict.fromkeys(("follower", "free", "moment", "resume", "markers"), FLAG),
     **dict.fromkeys(("name", "title", "xlabel", "joint"), TEXT),
@@ -403,7 +403,6 @@ class Scene:
         yield row(
             ffr.LevelSet,
             "domain",
-            knots=(*some(ARRAY), 1.0, [], [[0.0, math.nan]] * 3),
             spacing=(*optional, 1.0),
             minimum_member=(*optional, 1e-6),
             minimum_gap=(*optional, 1e-6),
@@ -498,7 +497,7 @@ class Scene:
         yield row(paper.GradientElements, "", {"grid": 0.1}, **grid)
         yield row(
             paper.ApproximateGradient,
-            "compare_every solver batch",
+            "compare_every solver",
             elements=(None, 0.3, "grid"),
             kernel=(1.0, "gaussian", np.sin),
             degree=("1", 1.5, -2, True),

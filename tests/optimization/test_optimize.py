@@ -526,14 +526,14 @@ def test_damaged_checkpoints(comm: MPI.Intracomm, shared_tmp_path: Path) -> None
 @pytest.mark.mpi
 def test_checkpoints_of_other_problems(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     problem, levelset, start = copy(comm)
-    domain, knots = levelset.domain, levelset.knots
+    domain, spacing = levelset.domain, levelset.spacing
     options: dict[str, Any] = {"output": shared_tmp_path, "iterations": 1, "optimizer": STEPS}
     run((problem, levelset, start), **options)
     others: dict[str, dict[str, Any]] = {
         "volume": {"volume": 0.55},
         "sharpness": {"optimizer": ffr.LevelSetEvolution(sharpness=(8.0, 32.0))},
         "knots": {"design": ffr.LevelSet(domain, spacing=0.01)},
-        "radius": {"design": ffr.LevelSet(domain, knots=knots, minimum_gap=0.0075)},
+        "radius": {"design": ffr.LevelSet(domain, spacing=spacing, minimum_gap=0.0075)},
         "mirrors": {"design": ffr.LevelSet(domain, mirrors=ffr.mirror_lines(domain))},
         "psi of its design was": {},
     }

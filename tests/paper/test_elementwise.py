@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 from mpi4py import MPI
 
 import numpy as np
@@ -16,7 +18,6 @@ from slider_crank import reference_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.paper.elementwise import elementwise_gradient, integral_derivatives
-from dolfinx_ffr.paper.mode_derivatives import mode_derivatives
 
 SOLVERS = ("bordered", "deflated")
 STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
@@ -49,7 +50,7 @@ def test_every_element(comm: MPI.Comm, cell: str, order: int, solver: ffr.paper.
     x = 0.55 + 0.4 * np.sin(130 * c[:, 0]) * np.cos(210 * c[:, 1] + 0.3)
     evaluation = problem.gradient(x)
     assert evaluation.gradient is not None
-    derivatives = elementwise_gradient(problem, evaluation, solver=solver, batch=50, progress=False)
+    derivatives = elementwise_gradient(problem, evaluation, solver=solver, progress=False)
     agree(derivatives["rod"].values, evaluation.gradient["rod"], comm)
     assert derivatives["rod"].count == domain.n_cells_global
     # the interfaces do not depend on the design, and the rod has no other markers
@@ -58,7 +59,7 @@ def test_every_element(comm: MPI.Comm, cell: str, order: int, solver: ffr.paper.
 
 
 @pytest.mark.mpi
-def test_chosen_elements(comm: MPI.Comm) -> None:
+def test_chosen_elements(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     """A mask, numbers and all elements give the same values; batches do not matter."""
     problem = reference_problem(comm, (24, 4), modes=4, steps=200)
     domain = problem.flexible["rod"].domain
@@ -67,7 +68,9 @@ def test_chosen_elements(comm: MPI.Comm) -> None:
     assert evaluation.gradient is not None
     exact = evaluation.gradient["rod"]
     mask = domain.centroids[:, 0] > 0.15
-    by_mask = elementwise_gradient(problem, evaluation, mask, batch=7, progress=False)["rod"]
+    with monkeypatch.context() as patch:
+        patch.setattr(import_module("dolfinx_ffr.paper.mode_derivatives"), "BATCH", 7)
+        by_mask = elementwise_gradient(problem, evaluation, mask, progress=False)["rod"]
     by_number = elementwise_gradient(
         problem, evaluation, {"rod": np.flatnonzero(mask)[::-1]}, progress=False
     )["rod"]
@@ -153,5 +156,3 @@ def test_bad_requests(comm: MPI.Comm) -> None:
         elementwise_gradient(problem, evaluation, np.ones(n + 1, dtype=bool))
     with pytest.raises(ValueError, match="different whole numbers"):
         elementwise_gradient(problem, evaluation, [0, 0])
-    with pytest.raises(ValueError, match="batch must be a positive"):
-        next(mode_derivatives(body, evaluation.bodies["rod"], np.arange(1), batch=0))

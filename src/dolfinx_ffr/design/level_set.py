@@ -127,8 +127,6 @@ class LevelSet(Design):
             its corners, the radius of the cutter. With 0, the default, holes are cut.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
             any mesh; see `mirror_lines` and `mirror_planes`.
-        knots: Shape (knots, dimension) [m], the same on every rank; by default a regular grid over
-            the body's bounding box.
         spacing: Distance of the grid's knots [m]; by default 1/2.75 of the kernel's radius, which
             is 3.5 times the larger of the two sizes.
         quadrature: Points in each direction of an element, by default four, in space three.
@@ -150,7 +148,6 @@ class LevelSet(Design):
         hole_rim: float | None = None,
         web: float = 0.0,
         mirrors: Sequence[Mirror] = (),
-        knots: ArrayLike | None = None,
         spacing: float | None = None,
         quadrature: int | None = None,
     ) -> None:
@@ -176,60 +173,30 @@ class LevelSet(Design):
         #: Thresholds of f where it is flat: eta_s of members, eta_v of gaps
         self._solid = strip_middle(member / self.radius, d)
         self._void = 1.0 - strip_middle(gap / self.radius, d)
-        knot_distance = self.radius / OPTIONS.knots_in_radius
-        if spacing is not None:
-            knot_distance = validation.number("level set: spacing", spacing, above=0.0, unit="m")
-        low, high = domain.bounding_box
-        # halves are rounded up, whatever the order in which the ranks add up the area
-        counts = np.floor((high - low) / knot_distance + 0.5 + ROUND_OFF).astype(int) + 1
-        if counts.min() < 3:
-            by = "spacing" if spacing is not None else "minimum_member or minimum_gap"
-            extents = " x ".join(f"{extent:.4g} m" for extent in high - low)
-            raise ValueError(
-                f"level set: {by} is too large for the body of {extents}, as knots "
-                f"{knot_distance:.4g} m apart leave fewer than 3 across it; take a smaller one, in "
-                "metres"
-            )
-        count = math.prod(map(float, counts))
-        with on_every_rank(domain.comm, "level set"):
-            check_count("level set", count, "knots", "take a larger spacing [m]", each=PAIR)
-        lines = _lines(domain, counts)
-        grid = _grid(lines)
-        #: Distance of neighbouring knots of the grid [m]
-        self.spacing = float(max(line[1] - line[0] for line in lines))
-        name = "mirror line" if d == 2 else "mirror plane"
-        self.mirrors: tuple[Mirror, ...] = tuple(
-            validation.instances("level set: mirrors", mirrors, Mirror, f"{name}s of the body")
-        )
-        symmetry = Symmetry(domain) if self.mirrors else None
-        for mirror in self.mirrors:
-            if len(mirror.normal) != d or (symmetry and symmetry.reason(mirror)):
-                raise ValueError(
-                    f"level set: {mirror} is no {name} of the body or of its solid regions; "
-                    f"{name.replace(' ', '_')}s(domain) finds those that it has"
-                )
+        self.mirrors = self._checked_mirrors(mirrors)
         self._images = images(self.mirrors, d)
-        #: Positions of the knots, shape (knots, dimension) [m]
-        self.knots = grid if knots is None else _check_knots(knots, d)
         self.kernel = Wendland(self.radius)
-        mean_distance = float(np.prod(high - low) / len(self.knots)) ** (1.0 / d)
-        counts_of_pairs = domain.n_cells_global * float(points_across) ** d, len(self.knots)
-        remedy = "take fewer knots, a larger spacing [m] or a smaller quadrature"
+        grid = self._grid_of_knots(spacing)
+        low, high = domain.bounding_box
+        mean_distance = float(np.prod(high - low) / len(grid)) ** (1.0 / d)
+        counts_of_pairs = domain.n_cells_global * float(points_across) ** d, len(grid)
+        remedy = "take a larger spacing [m] or a smaller quadrature"
         ranks = domain.comm.size  # share the points
         check_neighbours(
             domain, "level set", counts_of_pairs, self.radius / mean_distance, remedy, ranks
         )
-        self._tree = cKDTree(self.knots)
         points, self._weights = domain.quadrature_points(points_across)
         self._in_rims = self._rims.contain(points)
         points = points.reshape(-1, d)
-        self._check_cover(points)
-        if knots is None:  # knots of the grid that no element sees are no variables
-            reached = np.unique(kernel_matrix(self.kernel, points, self._tree).indices)
-            is_reached = np.zeros(len(grid), dtype=bool)
-            is_reached[np.concatenate(domain.comm.allgather(reached))] = True
-            self.knots = grid[is_reached]
-            self._tree = cKDTree(self.knots)
+        # knots that no element depends on are no variables
+        tree = cKDTree(grid)
+        self._check_cover(points, tree)
+        reached = np.unique(kernel_matrix(self.kernel, points, tree).indices)
+        is_reached = np.zeros(len(grid), dtype=bool)
+        is_reached[np.concatenate(domain.comm.allgather(reached))] = True
+        #: Positions of the knots, shape (knots, dimension) [m]
+        self.knots = grid[is_reached]
+        self._tree = cKDTree(self.knots)
         self.size = len(self.knots)
         self._matrix = self._means(points)
         self._origin = self  #: Copies of other attributes have the same knots
@@ -238,6 +205,46 @@ class LevelSet(Design):
         self.weight = (
             OPTIONS.weight * OPTIONS.late
         )  #: Of the penalty of sizes below the minimum ones
+
+    def _checked_mirrors(self, mirrors: Sequence[Mirror]) -> tuple[Mirror, ...]:
+        """The mirrors, or a ValueError for one in which the body is not its own image."""
+        d = self.domain.dimension
+        name = "mirror line" if d == 2 else "mirror plane"
+        checked = validation.instances(
+            "level set: mirrors", mirrors, Mirror, f"{name}s of the body"
+        )
+        symmetry = Symmetry(self.domain) if checked else None
+        for mirror in checked:
+            if len(mirror.normal) != d or (symmetry and symmetry.reason(mirror)):
+                raise ValueError(
+                    f"level set: {mirror} is no {name} of the body or of its solid regions; "
+                    f"{name.replace(' ', '_')}s(domain) finds those that it has"
+                )
+        return tuple(checked)
+
+    def _grid_of_knots(self, spacing: float | None) -> Array:
+        """The points of a regular grid over the body's bounding box, shape (knots, dimension)."""
+        distance = self.radius / OPTIONS.knots_in_radius
+        if spacing is not None:
+            distance = validation.number("level set: spacing", spacing, above=0.0, unit="m")
+        low, high = self.domain.bounding_box
+        # halves are rounded up, whatever the order in which the ranks add up the area
+        counts = np.floor((high - low) / distance + 0.5 + ROUND_OFF).astype(int) + 1
+        if counts.min() < 3:
+            argument = "spacing" if spacing is not None else "minimum_member or minimum_gap"
+            extents = " x ".join(f"{extent:.4g} m" for extent in high - low)
+            raise ValueError(
+                f"level set: {argument} is too large for the body of {extents}, as knots "
+                f"{distance:.4g} m apart leave fewer than 3 across it; take a smaller one, in "
+                "metres"
+            )
+        count = math.prod(map(float, counts))
+        with on_every_rank(self.domain.comm, "level set"):
+            check_count("level set", count, "knots", "take a larger spacing [m]", each=PAIR)
+        lines = _lines(self.domain, counts)
+        #: Distance of neighbouring knots of the grid [m]
+        self.spacing = float(max(line[1] - line[0] for line in lines))
+        return _grid(lines)
 
     def _sizes(self, member: float | None, gap: float | None) -> tuple[float, float]:
         """Both minimum sizes; a ValueError for sizes that one kernel cannot resolve."""
@@ -300,14 +307,15 @@ class LevelSet(Design):
                 total[k] = total[k] + csr_matrix((values[:, k], (g.row, g.col)), shape=g.shape)
         return tuple(csr_matrix(matrix / len(self._images)) for matrix in total)
 
-    def _check_cover(self, points: Array) -> None:
-        bare = np.isinf(self._tree.query(points, distance_upper_bound=self.radius)[0])
+    def _check_cover(self, points: Array, knots: cKDTree) -> None:
+        """Refuse a grid of knots with points of the body beyond the reach of all of them."""
+        bare = np.isinf(knots.query(points, distance_upper_bound=self.radius)[0])
         missing = np.any(bare.reshape(len(self._weights), -1), axis=1)
         share = self.domain.sum(missing * self.domain.cell_volumes) / self.domain.area
         if share:
             raise ValueError(
                 f"level set: {100.0 * share:.2g} % of the body is beyond the reach of all "
-                "knots; add knots there or ask for a larger minimum size"
+                "knots; take a smaller spacing, or ask for a larger minimum size"
             )
 
     def level(self, variables: ArrayLike) -> Callable[[ArrayLike], Array]:
@@ -553,20 +561,6 @@ def _lines(domain: Domain, counts: Integers) -> list[Array]:
 def _grid(lines: Sequence[Array]) -> Array:
     """The points of a regular grid, shape (points, dimension)."""
     return np.column_stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")])
-
-
-def _check_knots(knots: ArrayLike, d: int) -> Array:
-    positions = validation.numbers("level set: knots", knots)
-    if positions.ndim != 2 or positions.shape[1] != d or len(positions) < 3:
-        raise ValueError(
-            f"level set: no usable knots in an array of shape {positions.shape}; give at least "
-            f"three points, shape (knots, {d}), or none for a regular grid"
-        )
-    if not np.all(np.isfinite(positions)):
-        raise ValueError("level set: a knot has a coordinate that is NaN or infinite")
-    if np.min(cKDTree(positions).query(positions, k=2)[0][:, 1]) == 0.0:
-        raise ValueError("level set: two knots coincide; remove one of them")
-    return np.ascontiguousarray(positions)
 
 
 def _distance_from_contour(

@@ -97,12 +97,6 @@ class Ground:
         """Zeros at times, see :meth:`Moving.turns_in_space` for ``where``."""
         return np.zeros((times.size, 3))
 
-    @property
-    def motions(self) -> tuple[Motion, Motion, Motion]:
-        """Motions of x, y and angle in the plane."""
-        x, y = self.position[:2]
-        return Motion.constant(x), Motion.constant(y), Motion.constant(self.angle)
-
 
 @dataclass(frozen=True)
 class Moving:

@@ -329,7 +329,7 @@ class Objective(ABC):
         return [self]
 
     def places(self, response: Response) -> list[Objective]:
-        """Objectives of several places, whose largest value is that of this one.
+        """Objectives of several places, whose largest value at a ``response`` is that of this one.
 
         Only :class:`PeakStress` has several; others return themselves. In contrast to `parts` they
         can be evaluated on other meshes, too.

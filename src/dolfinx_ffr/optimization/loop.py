@@ -214,8 +214,10 @@ class DesignLoop:
     Its methods take a point x as `Problem.value` does, but always by name: densities of this rank's
     cells, shape (cells,), or variables of a design without a domain.
 
+    ``problem``, ``gradient``, ``iterations``, ``output``, ``resume``, ``progress``, ``callback``
+    and ``mode_tolerance`` are the arguments of `optimize`.
+
     Args:
-        problem: As for `optimize`, as the arguments that are not listed here.
         domains: Domains of the bodies whose density is designed, by name.
         start: Variables of the start design if the user gives them, by name.
         followed: Whether steps of boundaries follow, which reduce violations of the design.
@@ -386,8 +388,9 @@ class DesignLoop:
     def plan(self, stages: int, stage_iterations: int | None) -> None:
         """Divide the iterations among the stages, unless an earlier run has done so.
 
-        So the stages end after the same iterations, however often a run is resumed. None for the
-        largest number of iterations of a stage divides the iterations of the run.
+        So the stages end after the same iterations, however often a run is resumed. A stage has at
+        most ``stage_iterations``; None divides the iterations of the run by the number of
+        ``stages``.
         """
         if math.isnan(self.stage_iterations):
             shared = self.iterations / stages

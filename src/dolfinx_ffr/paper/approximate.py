@@ -205,7 +205,6 @@ class ApproximateGradient:
         band: Half-width of the band around the active boundary for which errors are reported as
             well [m]; None takes two mean elements.
         solver: Of the normal modes' derivatives, "bordered" or "deflated".
-        batch: Elements whose linear systems are solved at once.
         progress: Show a progress bar for every gradient; the ranks may differ in that.
     """
 
@@ -216,7 +215,6 @@ class ApproximateGradient:
     compare_every: int = 0
     band: float | None = None
     solver: Solver = "bordered"
-    batch: int = 128
     progress: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -230,7 +228,6 @@ class ApproximateGradient:
             validation.number(f"{label}: band", self.band, above=0.0)
         validation.integer(f"{label}: compare_every", self.compare_every)
         validation.choice(f"{label}: solver", self.solver, SOLVERS)
-        validation.integer(f"{label}: batch", self.batch, least=1)
 
     def __call__(
         self, problem: Problem, evaluation: Evaluation, distance: Distance, iteration: int
@@ -257,12 +254,7 @@ class ApproximateGradient:
         domain = problem.flexible[name].domain
         selected = self.elements.select(domain, distance)
         exact = elementwise_gradient(
-            problem,
-            evaluation,
-            {name: selected},
-            solver=self.solver,
-            batch=self.batch,
-            progress=self.progress,
+            problem, evaluation, {name: selected}, solver=self.solver, progress=self.progress
         )[name]
         values = np.zeros(domain.n_cells)
         values[exact.cells] = exact.values

@@ -115,13 +115,12 @@ def integral_derivatives(
     cells: ArrayLike | None = None,
     *,
     solver: Solver = "bordered",
-    batch: int = 128,
     progress: bool = False,
 ) -> IntegralDerivatives:
     """The derivatives of a body's volume integrals with respect to single densities.
 
-    ``body``, ``reduced``, ``cells`` (None: all elements of this rank), ``solver`` and ``batch`` are
-    those of `mode_derivatives`; ``progress`` shows a progress bar on rank 0.
+    ``body``, ``reduced``, ``cells`` (None: all elements of this rank) and ``solver`` are those of
+    `mode_derivatives`; ``progress`` shows a progress bar on rank 0.
 
     Raises:
         ValueError: If an element does not exist, the solver is not known, or the body has geometric
@@ -171,7 +170,7 @@ def integral_derivatives(
         leave=False,
     )
     with bar:
-        for derivative in mode_derivatives(body, reduced, chosen, solver=solver, batch=batch):
+        for derivative in mode_derivatives(body, reduced, chosen, solver=solver):
             products = elasticity.inner(all_test_fields, derivative.fields)
             i, (number, column) = derivative.shape, derivative.cells.T
             dG, dN, dS, dK, *d_markers = np.split(products[:, column].T, ends, axis=1)
@@ -195,14 +194,13 @@ def elementwise_gradient(
     cells: Mapping[str, ArrayLike] | ArrayLike | None = None,
     *,
     solver: Solver = "bordered",
-    batch: int = 128,
     progress: bool = True,
 ) -> dict[str, ElementGradient]:
     """Exact derivatives of psi with respect to the densities of chosen elements, by body.
 
     The ``evaluation`` is what `value` of the ``problem`` returned, at any time. Elements ``cells``
     of this rank are a mask or numbers, with more than one flexible body a mapping by name; None
-    takes all. ``solver`` and ``batch`` are those of `mode_derivatives`, ``progress`` shows a bar.
+    takes all. The ``solver`` is that of `mode_derivatives`; ``progress`` shows a bar.
 
     Raises:
         ValueError: If a body or an element does not exist, the solver is not known, or the
@@ -233,9 +231,7 @@ def elementwise_gradient(
     for name, body_cells in chosen.items():
         start = perf_counter()
         body, reduced = problem.flexible[name], evaluation.bodies[name]
-        change = integral_derivatives(
-            body, reduced, body_cells, solver=solver, batch=batch, progress=progress
-        )
+        change = integral_derivatives(body, reduced, body_cells, solver=solver, progress=progress)
         objective = np.zeros(len(change.cells))
         if name in direct:
             integrals_bar = direct[name]

@@ -51,6 +51,8 @@ from ..reduction import FactoredBody, FlexibleBody, ReducedBasis, ReducedBody, s
 #: Method that solves for the derivatives of normal modes
 Solver = Literal["bordered", "deflated"]
 SOLVERS: tuple[str, ...] = get_args(Solver)
+#: Number of elements whose systems are solved at once, each in a few displacement fields
+BATCH = 128
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,6 @@ def mode_derivatives(
     cells: ArrayLike,
     *,
     solver: Solver = "bordered",
-    batch: int = 128,
 ) -> Iterator[ModeDerivative]:
     """Derivatives of every shape function with respect to the density of each of some elements.
 
@@ -89,7 +90,6 @@ def mode_derivatives(
             gives its own.
         solver: Of the normal modes' systems: ``"bordered"`` solves directly, with a factor for each
             mode; ``"deflated"`` iterates and needs no factor besides that of K.
-        batch: Elements whose systems are solved at once, each in a few displacement fields.
 
     Raises:
         RuntimeError: If a factor cannot be made, an iteration does not converge, or truncated modes
@@ -98,7 +98,6 @@ def mode_derivatives(
     check_reduced("mode derivatives", body, reduced)
     body.reduction.check_gap(body.factored(reduced), reduced.basis)
     validation.choice("mode derivatives: solver", solver, SOLVERS)
-    batch = validation.integer("mode derivatives: batch", batch, least=1)
     cells = cell_numbers(body, cells)
     elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
     n_constraint, normal = basis.n_constraint, basis.normal
@@ -113,8 +112,8 @@ def mode_derivatives(
     offset = sum(counts[: elasticity.comm.rank])  # of the cells of this rank among all of them
     for shape in range(basis.shapes.shape[1]):
         with _solver(body, reduced, shape, solver) as solve:
-            for start in range(0, sum(counts), batch):
-                width = min(batch, sum(counts) - start)
+            for start in range(0, sum(counts), BATCH):
+                width = min(BATCH, sum(counts) - start)
                 numbers = np.arange(max(start - offset, 0), min(start + width - offset, len(cells)))
                 columns = numbers + offset - start
                 forces = -stiffness_forces[numbers, ..., shape]
