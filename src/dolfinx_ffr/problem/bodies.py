@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import NamedTuple
 
 from mpi4py import MPI
 
@@ -15,6 +14,7 @@ from .. import validation
 from ..arrays import Array, summed
 from ..body import VolumeIntegrals
 from ..fem import Domain
+from ..mechanical_problem import Gradients
 from ..mechanism import Mechanism
 from ..objective import DensityField, Derivatives, Inventory, Response
 from ..reduction import BodyStress, FlexibleBody, ReducedBody
@@ -22,16 +22,6 @@ from ..reduction import BodyStress, FlexibleBody, ReducedBody
 Body = FlexibleBody | VolumeIntegrals
 Densities = ArrayLike | Mapping[str, ArrayLike]
 Reduced = Mapping[str, ReducedBody]
-
-
-class Pulled(NamedTuple):
-    """Derivatives that were carried back to the densities, with iterations and time."""
-
-    gradient: dict[str, Array]  #: By body, for each cell of this rank, shape (cells,)
-    nodes: dict[str, Array] | None  #: By body, for each node of this rank; None if not asked for
-    centers: dict[str, Array] | None  #: By body, for each interface's center, or None likewise
-    iterations: dict[str, int]  #: Conjugate gradient iterations, by body
-    seconds: dict[str, float]  #: Time by name of the step [s]
 
 
 def lengths_of_placements(mechanisms: Iterable[Mechanism]) -> Iterator[tuple[str, str, str]]:
@@ -166,43 +156,75 @@ class DesignedBodies:
             {name: BodyStress(self.flexible[name], body) for name, body in reduced.items()},
         )
 
-    def pullback(
-        self, reduced: Reduced, bars: Derivatives, *, nodes: bool = False, cells: bool = True
-    ) -> Pulled:
-        """Carry derivatives ``bars`` back to the densities of ``cells`` and to ``nodes``.
 
-        Derivatives by integrals and stress go back through the reduction.
-        """
-        pulled = Pulled({}, {} if nodes else None, {} if nodes else None, {}, {})
-        for name, body in self.flexible.items():
-            gradient, pulled.iterations[name] = np.zeros(body.domain.n_cells), 0
-            by_nodes: Array | None = None
-            by_centers: Array | None = None
-            integrals = bars.integrals[name]
-            # the same on every rank, so all skip a body that does not matter, or none
-            if name in bars.stresses or integrals.dot(integrals) != 0.0:
-                shapes = None
-                if name in bars.stresses:
-                    shapes = body.stress_pullback(reduced[name], bars.stresses[name])
-                gradient, by_nodes, by_centers, statistics = body.pullback(
-                    reduced[name], integrals, shapes, nodes=nodes, cells=cells
-                )
-                pulled.iterations[name] = int(statistics.pop("iterations"))
-                pulled.seconds.update(summed(pulled.seconds, statistics))
-            if name in bars.densities:
-                gradient = gradient + bars.densities[name]
-            pulled.gradient[name] = gradient
-            if pulled.nodes is not None and pulled.centers is not None:
-                dimension = body.domain.dimension
-                if by_centers is None:
-                    by_centers = np.zeros((len(body.domain.interfaces), dimension))
-                if by_nodes is None:
-                    by_nodes = np.zeros((len(body.domain.mesh.geometry.x), dimension))
-                areas, weights = bars.areas.get(name), bars.weights.get(name)
-                if areas is not None or weights is not None:
-                    by_nodes = by_nodes + body.measures_pullback(areas, weights)
-                pulled.centers[name], pulled.nodes[name] = by_centers, by_nodes
-        return pulled
+class Pullback:
+    """The map from derivatives of a number by bodies and parameters to gradients of the design.
+
+    Derivatives by integrals and stress go back through the reduction. Each call takes adjoint
+    solutions of the finite elements, of which it adds up iterations and time.
+    """
+
+    def __init__(
+        self,
+        bodies: Mapping[str, FlexibleBody],
+        reduced: Reduced,
+        label: str,
+        *,
+        densities: bool,
+        nodes: bool,
+    ) -> None:
+        """Prepare gradients by ``densities`` and by ``nodes``; the ``label`` is of parameters."""
+        self.bodies, self.reduced, self.label = bodies, reduced, label
+        self.densities, self.nodes = densities, nodes
+        #: Conjugate gradient iterations, by body
+        self.iterations = dict.fromkeys(bodies, 0)
+        #: Time by name of the step [s]
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, bars: Derivatives) -> Gradients:
+        """The gradients of a number from its derivatives ``bars``, the trajectory eliminated."""
+        parameters = dict(bars.parameters)
+        if not (self.densities or self.nodes):
+            return Gradients(parameters=parameters)
+        gradient, nodes, centers = dict[str, Array](), dict[str, Array](), dict[str, Array]()
+        for name in self.bodies:
+            gradient[name], nodes[name], centers[name] = self._of_body(name, bars)
+        if self.label:
+            gradient[self.label] = np.array(list(parameters.values()))
+        return Gradients(
+            gradient=gradient if self.densities else None,
+            nodes=nodes if self.nodes else None,
+            centers=centers if self.nodes else None,
+            parameters=parameters,
+        )
+
+    def _of_body(self, name: str, bars: Derivatives) -> tuple[Array, Array, Array]:
+        """Derivatives by the density of cells, by nodes and by centers of interfaces of a body."""
+        body, dimension = self.bodies[name], self.bodies[name].domain.dimension
+        gradient = np.zeros(body.domain.n_cells)
+        by_nodes: Array | None = None
+        by_centers: Array | None = None
+        integrals = bars.integrals[name]
+        # the same on every rank, so all skip a body that does not matter, or none
+        if name in bars.stresses or integrals.dot(integrals) != 0.0:
+            shapes = None
+            if name in bars.stresses:
+                shapes = body.stress_pullback(self.reduced[name], bars.stresses[name])
+            gradient, by_nodes, by_centers, statistics = body.pullback(
+                self.reduced[name], integrals, shapes, nodes=self.nodes, cells=self.densities
+            )
+            self.iterations[name] += int(statistics.pop("iterations"))
+            self.seconds = summed(self.seconds, statistics)
+        if name in bars.densities:
+            gradient = gradient + bars.densities[name]
+        if by_centers is None:
+            by_centers = np.zeros((len(body.domain.interfaces), dimension))
+        if by_nodes is None:
+            by_nodes = np.zeros((len(body.domain.mesh.geometry.x), dimension))
+        areas, weights = bars.areas.get(name), bars.weights.get(name)
+        if self.nodes and (areas is not None or weights is not None):
+            by_nodes = by_nodes + body.measures_pullback(areas, weights)
+        return gradient, by_nodes, by_centers
 
 
 def _field(body: FlexibleBody, density: Array) -> DensityField:

@@ -46,7 +46,7 @@ from ..objective import (
     value_of,
 )
 from ..parallel import agreed_memory, alike, check_alike, on_every_rank
-from .bodies import Body, Densities, DesignedBodies, Pulled
+from .bodies import Body, Densities, DesignedBodies, Pullback
 from .evaluation import Evaluation, LoadCaseEvaluation, only_case
 from .load_cases import LoadCases, check_influence, parametric, shared, split_parameters, weighted
 from .own_objectives import check_integrals, replicated
@@ -496,23 +496,9 @@ class Problem(LoadCases):
         indirect = adjoints(self.comm, responses, direct)
         derivatives = {job: d.without_trajectory(indirect[job]) for job, d in direct.items()}
         seconds = {"adjoint": perf_counter() - begin}
-        pulled: list[Pulled] = []
-
-        def gradients_of(bars: Derivatives) -> Gradients:
-            """Carry the derivatives by integrals, densities and stress back to the design."""
-            parameters = dict(bars.parameters)
-            if not (nodes or densities):
-                return Gradients(parameters=parameters)
-            result = self._designed.pullback(evaluation.bodies, bars, nodes=nodes, cells=densities)
-            pulled.append(result)
-            if evaluation.label:
-                result.gradient[evaluation.label] = np.array(list(parameters.values()))
-            return Gradients(
-                gradient=result.gradient if densities else None,
-                nodes=result.nodes,
-                centers=result.centers,
-                parameters=parameters,
-            )
+        pullback = Pullback(
+            self.flexible, evaluation.bodies, evaluation.label, densities=densities, nodes=nodes
+        )
 
         cases = {}
         for name, case in self.load_cases.items():
@@ -523,16 +509,16 @@ class Problem(LoadCases):
                 constraints[constraint.label] = replace(
                     values.constraints[constraint.label],
                     derivatives=replace(bars, stresses={}),  # large, and no longer needed
-                    **vars(gradients_of(bars)),
+                    **vars(pullback(bars)),
                 )
-            by_integrals = derivatives.get((name, ""))
+            of_objective = derivatives.get((name, ""))
             gradients = Gradients(parameters=values.parameters)
-            if by_integrals and name in separate:
-                gradients = gradients_of(by_integrals)
+            if of_objective and name in separate:
+                gradients = pullback(of_objective)
             cases[name] = replace(
                 values,
                 constraints=constraints,
-                integrals_gradient=dict(by_integrals.integrals) if by_integrals else None,
+                integrals_gradient=dict(of_objective.integrals) if of_objective else None,
                 **vars(gradients),
             )
 
@@ -540,7 +526,7 @@ class Problem(LoadCases):
         if weights.keys() <= separate:
             gradients = Gradients.weighted_sum({name: cases[name] for name in weights}, weights)
         else:
-            gradients = gradients_of(total)
+            gradients = pullback(total)
         if len(cases) == 1:
             cases = {name: replace(case, **vars(gradients)) for name, case in cases.items()}
         return replace(
@@ -549,8 +535,8 @@ class Problem(LoadCases):
             integrals_gradient=dict(total.integrals),
             constraints=self._labelled(cases),
             load_cases=cases,
-            solver_iterations={n: sum(p.iterations[n] for p in pulled) for n in self.flexible},
-            seconds=reduce(summed, [evaluation.seconds, seconds, *(p.seconds for p in pulled)]),
+            solver_iterations=pullback.iterations,
+            seconds=reduce(summed, [evaluation.seconds, seconds, pullback.seconds]),
         )
 
     def _direct(
