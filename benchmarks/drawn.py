@@ -248,7 +248,7 @@ def moved(name: str, *, iterations: int = 25, steps: int = 8) -> dict[str, Any]:
         "gap": gap.value / sizes[1] if gap else np.inf,
         "sizes": best.size_violation,
         "volume": moved_part.area / (part.volume * domain.area) - 1.0,
-        "outline": [each.said for each in outline_violations(moved_part, rim, part.member)],
+        "outline": [each.message for each in outline_violations(moved_part, rim, part.member)],
         "seconds": process_time() - begun,
     }
 

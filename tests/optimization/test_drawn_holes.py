@@ -72,7 +72,7 @@ def lever() -> tuple[ffr.Domain, ffr.Problem]:
 
 
 def faults(part: ffr.Part | ffr.Solid, rim: float, member: float) -> list[str]:
-    return [each.said for each in outline_violations(part, rim, member)]
+    return [each.message for each in outline_violations(part, rim, member)]
 
 
 @pytest.mark.parametrize(("scene", "holes", "boundary"), [(plate, 1, 0), (lever, 6, 1)])

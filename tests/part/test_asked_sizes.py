@@ -30,8 +30,8 @@ def test_a_rim_that_is_too_thin_is_a_thin_member(comm: MPI.Intracomm) -> None:
     (found,) = size_violations(part, 0.005)
     assert found.name.startswith("thinnest member near (-")
     assert found.share == pytest.approx(0.4, abs=0.01)
-    assert "is 3 mm at (" in found.said and "where 5 mm were asked for" in found.said
-    assert "give a wider solid_rim" in found.said
+    assert "is 3 mm at (" in found.message and "where 5 mm were asked for" in found.message
+    assert "give a wider solid_rim" in found.message
 
 
 def test_a_thin_strut_and_a_narrow_slot_of_the_design(comm: MPI.Comm) -> None:
@@ -49,7 +49,7 @@ def test_a_thin_strut_and_a_narrow_slot_of_the_design(comm: MPI.Comm) -> None:
     violations = size_violations(slots(0.006), 0.004, 0.005)
     assert [each.name.partition(" near")[0] for each in violations] == ["thinnest member"]
     assert (
-        violations[0].share == pytest.approx(0.25, abs=0.01) and "more steps" in violations[0].said
+        violations[0].share == pytest.approx(0.25, abs=0.01) and "more steps" in violations[0].message
     )
     violations = size_violations(slots(0.004), 0.003, 0.005)
     assert [each.name.partition(" near")[0] for each in violations] == ["narrowest gap"]

@@ -310,7 +310,7 @@ def _warn_of_missing(
     if exceeded:
         texts.append(f"{'; '.join(exceeded)}: take more iterations, another start or other bounds")
     for violation, about in missing.items():
-        texts.append(f"{violation.partition(':')[0]!r}: {about.said}")
+        texts.append(f"{violation.partition(':')[0]!r}: {about.message}")
     if change > steps.still:
         what = (
             f"psi still changes by {change:.1%} on the finest mesh, whose value is reported"

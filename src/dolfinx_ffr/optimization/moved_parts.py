@@ -205,7 +205,7 @@ def _look_at(result: Result, name: str, part: Part | Solid) -> None:
     rims = {name: (design.hole_rim, _sizes(design)[0])}
     for what, violation in part_violations(result.problem, {name: part}, sizes, rims).items():
         result.violations[what] = violation.share
-        warn(f"optimize: {name!r}: {violation.said}", 5)
+        warn(f"optimize: {name!r}: {violation.message}", 5)
     if not (level_set and isinstance(part, Part)):
         return
     share = sum(piece.area for piece in part.loose) / part.area

@@ -36,7 +36,7 @@ class PartViolation:
 
     name: str  #: Name of the limit, with the place
     share: float  #: By how much it is violated, relative to the limit
-    said: str  #: A sentence with the remedy
+    message: str  #: A sentence with the remedy
 
 
 def size_violations(part: Enclosed, member: float, gap: float | None = None) -> list[PartViolation]:
