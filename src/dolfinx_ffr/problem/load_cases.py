@@ -1,134 +1,22 @@
 # SPDX-License-Identifier: MIT
-"""The load cases of a problem, how they become one number, and the parameters that they share."""
+"""Weighted sums over the load cases of a problem, and the parameters that they share."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import validation
-from ..dynamics import Integrator, TimeInterval, assemble_model, influence
-from ..mechanical_problem import ConstraintValue, MechanicalProblem
-from ..mechanism import Mechanism, Parameters, ParametricMechanism, TopologyError
-from ..objective import Combination, Constraint, Derivatives, Objective, Response
-from ..parallel import alike
-from .evaluation import Evaluation, LoadCaseEvaluation, only_case
+from ..dynamics import assemble_model, influence
+from ..mechanical_problem import MechanicalProblem
+from ..mechanism import Parameters, ParametricMechanism, TopologyError
+from ..objective import Derivatives, Response
 
 Cases = Mapping[str, MechanicalProblem]
 
 #: Number of instants at which prescribed motions are compared to see which parameters matter
 INSTANTS = 1001
-
-
-class LoadCases:
-    """Load cases by name, and how their objectives become one number.
-
-    It is the part of a `Problem` that knows nothing of densities.
-    """
-
-    load_cases: dict[str, MechanicalProblem]  #: By name
-    combine: Combination  #: How the objectives of the load cases become one number
-
-    def _prepare(self) -> None:
-        """Compile what the load cases take, and choose the steps that they leave open."""
-        raise NotImplementedError
-
-    def refuse_foreign_load_cases(self, evaluation: Evaluation) -> None:
-        """Raise a ValueError if an ``evaluation`` is of other load cases."""
-        evaluated = {name: list(case.constraints) for name, case in evaluation.load_cases.items()}
-        labels = {n: [c.label for c in case.constraints] for n, case in self.load_cases.items()}
-        if evaluated != labels:
-            raise ValueError(
-                "problem: the evaluation is of another problem: its load cases and their "
-                f"constraints are {evaluated}, and those of this problem {labels}"
-            )
-        for name, case in self.load_cases.items():
-            trajectory = evaluation.load_cases[name].trajectory
-            if trajectory is None:
-                continue
-            for quantity, evaluated_with, expected in (
-                ("mechanism", trajectory.model.mechanism, case.mechanism),
-                ("end time", trajectory.integrator.end_time, case.integrator.end_time),
-            ):
-                if not alike(evaluated_with, expected):
-                    raise ValueError(
-                        f"problem: the evaluation is of another problem: "
-                        f"{self._of(f'its {quantity}', name)} is not that of this problem"
-                    )
-
-    @property
-    def mechanism(self) -> Mechanism:
-        """Mechanism of the only load case: joints, drives, point masses, loads.
-
-        Raises:
-            ValueError: If there are several load cases; so do `integrator` and `objective`.
-        """
-        return only_case(self.load_cases, "problem.load_cases[{!r}].mechanism").mechanism
-
-    @property
-    def integrator(self) -> Integrator | TimeInterval:
-        """Time interval and steps of the only load case."""
-        return only_case(self.load_cases, "problem.load_cases[{!r}].integrator").integrator
-
-    @integrator.setter
-    def integrator(self, integrator: Integrator | TimeInterval) -> None:
-        self._change(integrator=integrator)
-
-    @property
-    def objective(self) -> Objective:
-        """Objective of the only load case, which is minimised."""
-        return only_case(self.load_cases, "problem.load_cases[{!r}].objective").objective
-
-    @objective.setter
-    def objective(self, objective: Objective) -> None:
-        self._change(objective=objective)
-
-    def _change(self, **fields: Any) -> None:
-        """Replace fields of the only load case."""
-        only_case(self.load_cases, "Problem.of_load_cases")
-        self.load_cases = {name: replace(case, **fields) for name, case in self.load_cases.items()}
-        self._prepare()
-
-    @property
-    def constraints(self) -> list[Constraint]:
-        """The constraints of all load cases; with several cases named "load case: name"."""
-        return [
-            constraint
-            if len(self.load_cases) == 1
-            else replace(constraint, name=self._label(name, constraint.label))
-            for name, case in self.load_cases.items()
-            for constraint in case.constraints
-        ]
-
-    def _label(self, case: str, label: str) -> str:
-        """The name of a load case's constraint among all constraints."""
-        return label if len(self.load_cases) == 1 else f"{case}: {label}"
-
-    def _of(self, name: str, case: str) -> str:
-        """The name of a field of a load case in messages, with the case if there are several."""
-        return name if len(self.load_cases) == 1 else f"{name} of load case {case!r}"
-
-    def _labelled(self, cases: Mapping[str, LoadCaseEvaluation]) -> dict[str, ConstraintValue]:
-        """The constraints of all load cases by their labels."""
-        return {
-            self._label(name, label): value
-            for name, case in cases.items()
-            for label, value in case.constraints.items()
-        }
-
-    def _combined(self, psi: Mapping[str, float]) -> float:
-        """The one number from the objectives by load case."""
-        kind = type(self.combine).__name__
-        return validation.number(f"the value of {kind}", self.combine.value(psi))
-
-    def _slopes(self, psi: Mapping[str, float]) -> dict[str, float]:
-        """The derivatives of psi by the objectives of the load cases."""
-        slopes, kind = self.combine.slopes(psi), type(self.combine).__name__
-        return {n: validation.number(f"the slope of {kind} by {n!r}", slopes.get(n)) for n in psi}
 
 
 def weighted(derivatives: Mapping[str, Derivatives], weights: Mapping[str, float]) -> Derivatives:

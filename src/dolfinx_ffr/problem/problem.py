@@ -33,7 +33,7 @@ from ..dynamics import (
     check_names,
     compile_kernels,
 )
-from ..mechanical_problem import Gradients, MechanicalProblem
+from ..mechanical_problem import ConstraintValue, Gradients, MechanicalProblem
 from ..mechanism import Mechanism, TopologyError
 from ..objective import (
     Combination,
@@ -48,7 +48,7 @@ from ..objective import (
 from ..parallel import agreed_memory, alike, check_alike, on_every_rank
 from .bodies import Body, Densities, DesignedBodies, Pullback
 from .evaluation import Evaluation, LoadCaseEvaluation, only_case
-from .load_cases import LoadCases, check_influence, parametric, shared, split_parameters, weighted
+from .load_cases import check_influence, parametric, shared, split_parameters, weighted
 from .own_objectives import check_integrals, replicated
 from .spread import (
     WORK,
@@ -71,7 +71,7 @@ DIFFERS = 1e-6
 GIVE_BOTH = "give a problem with its own evaluation, as result.problem and result.evaluation"
 
 
-class Problem(LoadCases):
+class Problem:
     """Minimise psi(x): an objective of a mechanism's motion as a function of its bodies' densities.
 
         psi(x) = objective(trajectory),   the trajectory solves the equations of motion
@@ -147,12 +147,14 @@ class Problem(LoadCases):
         """Check and set bodies and load cases; `cases` is called where errors reach all ranks."""
         self._designed = DesignedBodies(bodies)
         with on_every_rank(self.comm, WORK):
+            #: Load cases by name
             self.load_cases = validation.instances_by_name(
                 "problem: load cases", cases(), MechanicalProblem, "a MechanicalProblem"
             )
             if not self.load_cases:
                 raise ValueError("problem: give at least one load case")
             needed = "WeightedSum(...), PowerMean(...) or WorstCase(...)"
+            #: How the objectives of the load cases become one number
             self.combine = validation.instance("problem: combine", combine, Combination, needed)
             combine.check(self.load_cases)
             #: The parameters of the mechanisms, with their values, or None
@@ -215,6 +217,50 @@ class Problem(LoadCases):
         """The ranks that evaluate the problem together."""
         return self._designed.comm
 
+    @property
+    def mechanism(self) -> Mechanism:
+        """Mechanism of the only load case: joints, drives, point masses, loads.
+
+        Raises:
+            ValueError: If there are several load cases; so do `integrator` and `objective`.
+        """
+        return only_case(self.load_cases, "problem.load_cases[{!r}].mechanism").mechanism
+
+    @property
+    def integrator(self) -> Integrator | TimeInterval:
+        """Time interval and steps of the only load case."""
+        return only_case(self.load_cases, "problem.load_cases[{!r}].integrator").integrator
+
+    @integrator.setter
+    def integrator(self, integrator: Integrator | TimeInterval) -> None:
+        self._change(integrator=integrator)
+
+    @property
+    def objective(self) -> Objective:
+        """Objective of the only load case, which is minimised."""
+        return only_case(self.load_cases, "problem.load_cases[{!r}].objective").objective
+
+    @objective.setter
+    def objective(self, objective: Objective) -> None:
+        self._change(objective=objective)
+
+    def _change(self, **fields: Any) -> None:
+        """Replace fields of the only load case."""
+        only_case(self.load_cases, "Problem.of_load_cases")
+        self.load_cases = {name: replace(case, **fields) for name, case in self.load_cases.items()}
+        self._prepare()
+
+    @property
+    def constraints(self) -> list[Constraint]:
+        """The constraints of all load cases; with several cases named "load case: name"."""
+        return [
+            constraint
+            if len(self.load_cases) == 1
+            else replace(constraint, name=self._label(name, constraint.label))
+            for name, case in self.load_cases.items()
+            for constraint in case.constraints
+        ]
+
     def _with(self, cases: Mapping[str, MechanicalProblem]) -> Self:
         """The same problem with other load cases, or itself if they are the same."""
         if all(cases[name] is case for name, case in self.load_cases.items()):
@@ -251,7 +297,30 @@ class Problem(LoadCases):
     def refuse_foreign(self, evaluation: Evaluation) -> None:
         """Raise a ValueError if an ``evaluation`` is of other bodies or mechanisms."""
         self._designed.refuse_foreign(evaluation.bodies)
-        self.at_evaluation(evaluation).refuse_foreign_load_cases(evaluation)
+        self.at_evaluation(evaluation)._refuse_foreign_load_cases(evaluation)
+
+    def _refuse_foreign_load_cases(self, evaluation: Evaluation) -> None:
+        """Raise a ValueError if an ``evaluation`` is of other load cases."""
+        evaluated = {name: list(case.constraints) for name, case in evaluation.load_cases.items()}
+        labels = {n: [c.label for c in case.constraints] for n, case in self.load_cases.items()}
+        if evaluated != labels:
+            raise ValueError(
+                "problem: the evaluation is of another problem: its load cases and their "
+                f"constraints are {evaluated}, and those of this problem {labels}"
+            )
+        for name, case in self.load_cases.items():
+            trajectory = evaluation.load_cases[name].trajectory
+            if trajectory is None:
+                continue
+            for quantity, evaluated_with, expected in (
+                ("mechanism", trajectory.model.mechanism, case.mechanism),
+                ("end time", trajectory.integrator.end_time, case.integrator.end_time),
+            ):
+                if not alike(evaluated_with, expected):
+                    raise ValueError(
+                        f"problem: the evaluation is of another problem: "
+                        f"{self._of(f'its {quantity}', name)} is not that of this problem"
+                    )
 
     def refuse_other_psi(self, evaluation: Evaluation) -> None:
         """Refuse an ``evaluation`` whose steps, motion or psi differ from those of this problem.
@@ -648,7 +717,7 @@ class Problem(LoadCases):
         validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
         bodies = self._designed.response(evaluation.bodies)
         problem = self.at_evaluation(evaluation)
-        problem.refuse_foreign_load_cases(evaluation)
+        problem._refuse_foreign_load_cases(evaluation)
         simulated = {name: case.trajectory for name, case in evaluation.load_cases.items()}
         responses = problem._moving(bodies, simulated)
         for name, response in responses.items():
@@ -689,3 +758,29 @@ class Problem(LoadCases):
             )
             for name, (value, bounds) in values.items()
         }
+
+    def _label(self, case: str, label: str) -> str:
+        """The name of a load case's constraint among all constraints."""
+        return label if len(self.load_cases) == 1 else f"{case}: {label}"
+
+    def _of(self, name: str, case: str) -> str:
+        """The name of a field of a load case in messages, with the case if there are several."""
+        return name if len(self.load_cases) == 1 else f"{name} of load case {case!r}"
+
+    def _labelled(self, cases: Mapping[str, LoadCaseEvaluation]) -> dict[str, ConstraintValue]:
+        """The constraints of all load cases by their labels."""
+        return {
+            self._label(name, label): value
+            for name, case in cases.items()
+            for label, value in case.constraints.items()
+        }
+
+    def _combined(self, psi: Mapping[str, float]) -> float:
+        """The one number from the objectives by load case."""
+        kind = type(self.combine).__name__
+        return validation.number(f"the value of {kind}", self.combine.value(psi))
+
+    def _slopes(self, psi: Mapping[str, float]) -> dict[str, float]:
+        """The derivatives of psi by the objectives of the load cases."""
+        slopes, kind = self.combine.slopes(psi), type(self.combine).__name__
+        return {n: validation.number(f"the slope of {kind} by {n!r}", slopes.get(n)) for n in psi}
