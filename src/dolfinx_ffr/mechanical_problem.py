@@ -254,7 +254,7 @@ class MechanicalProblem:
     def at(self, values: ArrayLike | Mapping[str, float]) -> MechanicalProblem:
         """The same problem at other values of the mechanism's parameters, see `Parameters.at`.
 
-        It is the problem itself where the mechanism has none. Errors are those of
+        It is the problem itself if the mechanism has none. It raises the errors of
         `Parameters.at` and `Parameters.mechanism`.
         """
         if not isinstance(self.mechanism, ParametricMechanism):

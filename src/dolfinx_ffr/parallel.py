@@ -46,7 +46,7 @@ class _UnmatchedCall(RuntimeError):
 
 
 def _common_communicator(comm: MPI.Comm) -> MPI.Comm:
-    """The communicator of all ranks in place of one that spans them, as that of each mesh does.
+    """The communicator of all ranks, if the given one spans them, as the one of each mesh does.
 
     So ranks that make different collective calls meet in the same communicator.
     """

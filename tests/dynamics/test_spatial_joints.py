@@ -251,7 +251,7 @@ def test_an_axis_that_nothing_holds_is_reported(joint: Joint, force: AppliedForc
         ),
         (
             lambda: motion(ffr.Weld(PIN, GROUND, 0.3)),
-            "in space the relative rotation is that of",
+            "in space the placements give the relative rotation",
         ),
         (
             lambda: motion(forces=[ffr.Torque(PIN, 1.0)]),

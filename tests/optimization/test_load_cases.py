@@ -136,5 +136,5 @@ def test_explicit_steps_take_a_smooth_number(comm: MPI.Intracomm) -> None:
 def test_other_gradients_serve_smooth_numbers(comm: MPI.Intracomm) -> None:
     """Of the largest value they know no gradient by load case, and MMA says what does."""
     problem = three_load_cases(comm, ffr.WorstCase(WEIGHTS), (10, 2), constraints=False, modes=2)
-    with pytest.raises(ValueError, match="only that of all together; take ExactAdjoint"):
+    with pytest.raises(ValueError, match="only the gradient of all together; take ExactAdjoint"):
         run(problem, gradient=ffr.paper.ApproximateGradient())

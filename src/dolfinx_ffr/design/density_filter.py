@@ -51,7 +51,7 @@ def check_neighbours(
 class DensityFilter:
     """Weighted means over round neighbourhoods, which preserve constants and the volume.
 
-    Values are those of all cells, in the order of `Domain.everywhere`, on every rank.
+    Values are of all cells, in the order of `Domain.everywhere`, on every rank.
 
     Args:
         domain: The body.

@@ -398,7 +398,7 @@ class DimensionDesign(Variables):
         return counts, sorted(zip(groups, sizes, strict=True))
 
     def _check(self, variables: Array, gmsh: Any = None) -> None:
-        """Build the geometry, and refuse another topology than that of the start; on rank 0."""
+        """Build the geometry, and refuse a topology that differs from the start; on rank 0."""
         if self._topology is None:
             with gmsh_model("dimensions need") as gmsh_at_start:
                 self._topology = self._built(gmsh_at_start, self._start)

@@ -457,10 +457,10 @@ class LevelSet(Design):
     # ------------------------------------------------------------------ starts
 
     def from_distance(self, distance: ArrayLike | Callable[[Array], Array]) -> Array:
-        """Coefficients whose boundary is that of a signed ``distance``, positive in the material.
+        """Coefficients whose boundary is the zero line of a signed ``distance``.
 
-        The distance is given at the knots, shape (knots,) [m], or as a function of positions
-        (n, dimension) [m]. Coefficients (knots,) are 1 or 0 from three mean elements off the
+        It is positive in the material, and given at the knots, shape (knots,) [m], or as a function
+        of positions (n, dimension) [m]. Coefficients (knots,) are 1 or 0 from three mean elements off the
         boundary on. ValueError if there is not one finite value a knot.
         """
         distances = distance(self.knots) if callable(distance) else distance
@@ -495,7 +495,7 @@ class LevelSet(Design):
         edge = height / (2 * rows) if margin is None else margin
         across = np.linspace(edge, height - edge, rows) if rows > 1 else np.array([height / 2])
         pitch = length / columns
-        # staggered, and alike on both sides of the middle row
+        # staggered, and symmetric about the middle row
         shift = [0.5 * (min(row, rows - 1 - row) % 2) for row in range(rows)]
         along = np.arange(-1, columns + 1) + 0.5 + np.array(shift)[:, None]
         centers = np.stack(np.broadcast_arrays(along * pitch, across[:, None]), axis=-1)
@@ -519,7 +519,7 @@ class LevelSet(Design):
     def distance(self, variables: ArrayLike, points: ArrayLike | None = None) -> Array:
         """The signed distance from the boundary f = 1/2, positive in the material.
 
-        The boundary is that of f linear between the points of a grid of half elements. Not
+        The boundary is the contour of f, linear between the points of a grid of half elements. Not
         collective: each rank may ask for its own points.
 
         Args:

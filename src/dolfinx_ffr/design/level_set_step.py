@@ -5,9 +5,9 @@ One step moves phi at the knots by at most a CFL number times the knots' spacing
 
     phi <- phi + c h clip(v - Lambda m, -1, 1),        Lambda >= 0,
 
-where v is the smoothed, scaled negative gradient of psi and m that of the volume. The multiplier
-Lambda is the smallest for which the volume bound holds: zero where the bound is not active, because
-less material may well be better when inertia is the load.
+where v is the smoothed, scaled negative gradient of psi and m the gradient of the volume. The
+multiplier Lambda is the smallest for which the volume bound holds: zero if the bound is not active,
+because less material may well be better when inertia is the load.
 
 Holes merge and vanish, but none opens within solid material beyond the reach of the kernel: a start
 design has more holes than the final one will need, or none at all, which the volume bound then

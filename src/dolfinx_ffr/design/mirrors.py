@@ -190,7 +190,7 @@ def mirror_lines(domain: Domain, gradient: Array | None = None) -> list[Mirror]:
     """The lines through the centroid of a body about which it is its own mirror image.
 
     Candidates are the axes of the coordinates and the principal axes of the area, and lines in
-    steps of 15 degrees where those are not unique. The outline of the body and that of its designed
+    steps of 15 degrees where those are not unique. The outlines of the body and of its designed
     region must be their own images, to less than a cell, whatever the mesh.
 
     A symmetric body has a symmetric best design only if its loads are symmetric too: give the
@@ -213,7 +213,7 @@ def mirror_lines(domain: Domain, gradient: Array | None = None) -> list[Mirror]:
     if spread[1] - spread[0] > 1e-3 * spread[1]:
         angles = {0.0, 90.0}
         principal = math.degrees(math.atan2(axes[1, 0], axes[0, 0])) % 90.0
-        if ANGLE < principal < 90.0 - ANGLE:  # else it is that of a coordinate, but for the mesh
+        if ANGLE < principal < 90.0 - ANGLE:  # else it is an axis of coordinates, but for the mesh
             angles |= {round(principal, 6), round(principal + 90.0, 6)}
     turns = map(math.radians, sorted(angles))
     normals = [(-math.sin(turn), math.cos(turn)) for turn in turns]

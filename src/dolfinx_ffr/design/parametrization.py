@@ -138,7 +138,7 @@ class Design(Variables):
 
     @property
     def nominal(self) -> Design:
-        """The nominal design, which differs where psi is that of an eroded one, see `LevelSet`."""
+        """The nominal design, which differs if an eroded one is analysed, see `LevelSet`."""
         return self
 
     def point(self, variables: Array) -> Array:

@@ -9,7 +9,7 @@ matrix [x] of a vector they are, for columns phi_a of the modes and the referenc
 and likewise with X in the place of a mode: no mesh is needed. Its markers take nodes, so each of
 ours becomes four, that have no mass: one at the marker and one on each axis of the body, a lever
 away, that turns with it. ``MarkerSuperElementPosition`` takes the first one, and
-``MarkerSuperElementRigid`` all four, which follow each other: those of marker k are nodes 4 k to
+``MarkerSuperElementRigid`` all four, which follow each other: marker k has the nodes 4 k to
 4 k + 3, in the order of the array ``markers`` of the file.
 
 References:

@@ -422,7 +422,7 @@ def _mixed_moments(terms: dict[str, Taylor]) -> Array:
         _of_parts(coefficients[:, order], vectors) for order in ([*range(6)], [0, 1, 2, 3, 5, 4])
     ]
     differences = [_difference(theta(moments), gyro) for moments in candidates]
-    _warn_of_contradiction("Gr and that of Cr and Oe, which are taken", min(differences))
+    _warn_of_contradiction("Gr, and Cr and Oe, which are taken", min(differences))
     if differences[1] < 1e-3 * differences[0]:
         coefficients[:] = coefficients[:, [0, 1, 2, 3, 5, 4]]
         if terms["Oe"][1] is not None:
@@ -495,7 +495,7 @@ def _second_moments(
     warnings.warn(
         "Oe and Cr hold more than the inertia of the coordinates that Me has, as with geometric "
         "stiffening, or contradict it, and the file has no first order of Gr that tells: the "
-        "inertia of pairs of coordinates is estimated, and what is left of Oe is stiffening"
+        "inertia of pairs of coordinates is estimated, and the rest of Oe is stiffening"
         + (f"; Ct, Cr and Oe are too large for Me, and scaled by {square**0.5:.3f}" * (square < 1))
         + (f"; only {share:.0%} of the turning part of Cr is used" * (share < 1)),
         InterchangeWarning,

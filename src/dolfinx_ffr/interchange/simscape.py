@@ -3,7 +3,7 @@
 
 ``origins`` (n, 3) are those of the interface frames, whose axes are those of the body, ``K`` and
 ``M`` the matrices of the degrees of freedom Tx, Ty, Tz, Rx, Ry, Rz of each, then of the modes;
-``names`` are those of the interfaces, and ``C`` is damping, if the body has any.
+``names`` are the names of the interfaces, and ``C`` is damping, if the body has any.
 """
 
 from __future__ import annotations
@@ -40,5 +40,5 @@ class Simscape:
         replace_file(path, content.getvalue())
 
     def read(self, path: Path) -> dict[str, Any]:
-        """The variables of a file, which are not those of a body."""
+        """The variables of a file, from which no body can be made."""
         return {k: v for k, v in scipy.io.loadmat(path).items() if not k.startswith("__")}

@@ -49,7 +49,7 @@ def superelement(arrays: Arrays) -> Superelement:
             block[:, 6:] = motions[marker]
     if not complete or np.linalg.cond(T[:n_motions, :n_motions]) > 1e12:
         raise ValueError(
-            "the body has not the shape functions of a superelement: those of Craig and Bampton, "
+            "the body lacks the shape functions of a superelement, the modes of Craig and Bampton, "
             "six for each interface but one, in space; bodies in the plane do not move out of it"
         )
 

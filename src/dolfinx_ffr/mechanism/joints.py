@@ -190,7 +190,7 @@ class Translational(_Between):
 
 @dataclass(frozen=True)
 class Gear(_Between):
-    """Two toothed wheels that mesh: the angle of one follows that of the other, one row.
+    """Two toothed wheels that mesh: one turns with the other at a ratio, one row.
 
     The markers are at the centres of the wheels, whose bearings are joints of their own. Wheels
     with z_a and z_b teeth that mesh from outside have the ratio -z_b / z_a, a wheel in a ring has
@@ -213,7 +213,7 @@ class Gear(_Between):
             teeth push apart where they turn the first wheel about the axis, and negative: where
             they turn it back.
         relative_to: Marker in whose axes the axis is given in space, as one of the carrier.
-        axis: Axis in space to which those of the wheels are parallel, in the axes of that marker
+        axis: Axis in space, parallel to the axes of the wheels, in the axes of that marker
             and of any length.
     """
 
@@ -267,13 +267,13 @@ class Gear(_Between):
         if not abs(angle) < 0.5 * np.pi:
             raise ValueError(
                 f"{what}: the pressure angle must lie between -pi/2 and pi/2, in radians, but it "
-                f"is {angle:g}; math.radians(20) is that of most wheels"
+                f"is {angle:g}; most wheels have math.radians(20)"
             )
 
 
 @dataclass(frozen=True)
 class AngleCoupling(_Between):
-    """The angle of a marker follows that of another, angle_a - ratio angle_b = constant: one row.
+    """The angle of a marker follows another angle, angle_a - ratio angle_b = constant: one row.
 
     It is a pure couple of moments, which loads no bearing, as a gearbox whose housing carries the
     rest; a :class:`Gear` has the force between two wheels. The constant follows from the

@@ -178,7 +178,7 @@ class Motion:
             name: Name for messages and plots.
 
 
-        The natural spline is that of I. J. Schoenberg, Proceedings of the National Academy of
+        Natural splines: I. J. Schoenberg, Proceedings of the National Academy of
         Sciences 52 (1964), doi:10.1073/pnas.52.4.947.
         """
         label = f"spline {name!r}" if name else "spline"
@@ -217,7 +217,7 @@ class Motion:
             ends: What happens at the ends, see :meth:`spline`.
             degree: Degree of the spline.
             smoothing: Distance of knots for a fit instead of interpolation [s], see :meth:`spline`.
-            name: Name for messages and plots; by default that of file and column.
+            name: Name for messages and plots; by default the names of file and column.
 
         Raises:
             OSError: If the file cannot be read.
@@ -272,7 +272,7 @@ class Motion:
             name, jumps = f"{self.name} {'+' if sign > 0.0 else '-'} {added.name}", added.jumps
             name = name if len(name) <= _LONGEST_NAME else "sum"
         elif validation.is_number(added):
-            # a message about the number is that of a constant motion
+            # a wrong number has the message of a constant motion
             added = Motion.constant(added)  # type: ignore[arg-type]
             name, jumps = self.name, ()
         else:
@@ -434,7 +434,7 @@ Signal = Motion | TimeFunction | float
 
 
 def check_signal(what: str, signal: object) -> None:
-    """Refuse what is no finite number, function of times or Motion: a TypeError or ValueError."""
+    """Raise an error unless a signal is a finite number, a function of times or a Motion."""
     if isinstance(signal, Motion) or (callable(signal) and not isinstance(signal, type)):
         return
     if not validation.is_number(signal):

@@ -268,8 +268,8 @@ class ParametricMechanism(Mechanism):
     def shifted(self, shift: Array) -> ParametricMechanism:
         """The mechanism at values that are shifted a little.
 
-        The last numbers of a ``shift`` may be left out. The twin is that of the values themselves,
-        so that the same equalities hold by chance.
+        The last numbers of a ``shift`` may be left out. The twin does not change, so that the same
+        equalities hold by chance.
         """
         parameters = copy(self.parameters)
         parameters.entries = dict(parameters.entries)

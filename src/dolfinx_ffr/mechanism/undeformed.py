@@ -209,7 +209,7 @@ def aligned(
         return [relative_angle(a, b, _UPRIGHT, undeformed, angle is not None, constant=constant)]
     if angle is not None:
         raise ValueError(
-            f"{undeformed.user}: in space the relative rotation is that of the placements; leave "
+            f"{undeformed.user}: in space the placements give the relative rotation; leave "
             "the angle out"
         )
     e_1, e_2 = perpendicular(axis)

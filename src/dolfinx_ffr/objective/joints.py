@@ -124,7 +124,7 @@ class JointForce(OfJoints, MeanOverTime):
 
 @dataclass(frozen=True)
 class _OfDrives(OfJoints):
-    """A number of the power that drives bring into the bodies; those of several add up."""
+    """A number of the power that drives bring into the bodies; powers of several add up."""
 
     def powers(self, response: Response) -> Array:
         """The power over time at a ``response``, negative where drives brake, (steps + 1,) [W]."""
@@ -181,7 +181,7 @@ class DriveWork(_OfDrives):
 
         psi = int ((1 + r)/2 P + (1 - r)/2 sqrt(P^2 + e^2)) dt,    P = -lam . (C_y v)
 
-    The power P, that of :class:`DrivePower`, is paid where it is positive; where the drive brakes,
+    The power P, as of :class:`DrivePower`, is paid where it is positive; where the drive brakes,
     the share r of it is won back. With r = 0 it is lost, with r = 1 psi is the work int P dt, and
     with r = -1 braking costs as much as driving, int |P| dt. The root is |P|, rounded where the
     power changes its sign over e, a small part of the root mean square of P: psi is at most

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Objectives of the motion of a marker: distance from a path, velocity, acceleration.
 
-The kinematics are those of `motion_of_marker` in space, in which a body in the plane is embedded.
+The kinematics come from `motion_of_marker` in space, in which a body in the plane is embedded.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ class Volume(_WithoutTrajectory):
 
     Attributes:
         body: Name of the body.
-        region: Cells that count: a predicate on coordinates of shape (3, cells), those of the
+        region: Cells that count: a predicate on coordinates of shape (3, cells), the
             centroids in the undeformed body [m], or a mask over the cells of this rank, shape
             (cells,). Regions cut at a line so share no cell and leave none out. None takes all.
     """

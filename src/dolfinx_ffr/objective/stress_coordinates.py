@@ -10,7 +10,7 @@ In space, with B = [alpha] + [omega]^2,
 
     b = A^T (a_R - g) + B w_0 + sum_j q''_j w_j + sum_j (alpha q_j + 2 omega q'_j) x w_j,
 
-where the centrifugal force is that of the undeformed body: its change by the elastic displacement,
+where the centrifugal force acts on the undeformed body: its change by the elastic displacement,
 which is in proportion to it as small as this is to the body, would take six fields more for each
 shape function.
 

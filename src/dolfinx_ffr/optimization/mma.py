@@ -408,7 +408,7 @@ class MMASteps(Iterator[Iterate]):
             nominal = self.loop.value(self.x(variables, progress, nominal=True))
         except SimulationError:  # the analysed design moves, with a little less material
             return analysed
-        # by its own largest stress; the scale of the next designs is that of the analysed one
+        # by its own largest stress; the analysed design gives the scale of the next ones
         return self.loop.problem.calibrated(nominal)[1]
 
     def eroded(self, progress: float) -> bool:
@@ -452,7 +452,7 @@ class MMASteps(Iterator[Iterate]):
         at_place = np.array([label not in labels for label in constraints], dtype=bool)
         names = [label if label in labels else constraint_of_place(label) for label in constraints]
         number = len(volumes) + np.array([labels.index(name) for name in names], dtype=int)
-        # the value of a constraint without places is that of the nominal design
+        # a constraint without places has the value of the nominal design
         values = np.array([constraint.violation for constraint in constraints.values()])
         bounds = np.where(at_place, values, point.bounds[number])
         comparable = np.concatenate([np.full(1 + len(slopes) - len(at_place), True), ~at_place])

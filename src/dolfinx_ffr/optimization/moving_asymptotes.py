@@ -20,7 +20,7 @@ so that each step is defined, and leads towards the feasible side.
 
 Each approximation of the paper is monotone in each variable. If the function is not, as a density
 is a load and a strength at once, the variable oscillates. The difference of two gradients gives the
-second derivative by each variable along the last step; where it is larger than that of the
+second derivative by each variable along the last step; where it exceeds that of the
 approximation, both p and q are enlarged to match it (Bruyneel, Duysinx and Fleury).
 
 References:

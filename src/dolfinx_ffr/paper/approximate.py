@@ -280,7 +280,7 @@ class ApproximateGradient:
         gradient = np.where(known, values, 0.0)
         gradient[unknown] = areas[unknown] * interpolation(density, points[unknown])
 
-        # the error of an unknown element is that of the nearest known one
+        # an unknown element has the error of the nearest known one
         nearest = cKDTree(points[known]).query(points[unknown])[1]
         errors = areas[unknown] * interpolation.leave_one_out(density)[nearest]
         norm, count = float(np.linalg.norm(gradient)), int(np.count_nonzero(known))

@@ -19,7 +19,7 @@ all modes with the same eigenvalue. Two ways around that:
   and solved directly for all elements (Nelson's method, who bordered with one mode);
 - "deflated": conjugate gradients on the complement, preconditioned by the factor of K.
 
-The derivatives are those of one smooth choice of an M-orthonormal basis of the span. For close and
+The derivatives belong to one smooth choice of an M-orthonormal basis of the span. For close and
 equal eigenvalues single modes have no derivative, while any quantity that depends on the span alone
 has, and gets it from these.
 
@@ -89,7 +89,7 @@ def mode_derivatives(
         cells: Elements owned by this rank, as a mask of shape (cells,) or as numbers; every rank
             gives its own.
         solver: Of the normal modes' systems: ``"bordered"`` solves directly, with a factor for each
-            mode; ``"deflated"`` iterates and needs no factor besides that of K.
+            mode; ``"deflated"`` iterates and needs no factor but the one of K.
 
     Raises:
         RuntimeError: If a factor cannot be made, an iteration does not converge, or truncated modes

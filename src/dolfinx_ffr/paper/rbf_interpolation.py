@@ -142,7 +142,7 @@ class ScatteredInterpolation:
     def leave_one_out(self, values: ArrayLike) -> Array:
         """At each point, its value less the interpolant through all other points.
 
-        For ``values`` (n,) or (n, m), of the same shape. The cost is that of one inverse.
+        For ``values`` (n,) or (n, m), of the same shape. It costs one inverse.
         """
         v = self._check_values(values)
         fields, n = v.reshape(len(v), -1), len(v)

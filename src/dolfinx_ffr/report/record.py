@@ -113,7 +113,7 @@ def run_record(
         verification: The result of `verify` for these parts.
         warnings: Warnings of the run, from `recorded_warnings`.
         references: psi of other designs by name; psi is given relative to the first one, for
-            example that of the full body.
+            example of the full body.
         volume: Upper bound of the volume; by default the argument of `optimize`.
 
     Returns:

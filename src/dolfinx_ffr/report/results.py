@@ -236,7 +236,7 @@ def comparison(run: Run) -> Table | None:
 
 
 def reported_and_part(run: Run) -> list[Table]:
-    """Tables that compare the reported values of each body with those of its part."""
+    """Tables that compare the reported values of each body with the values of its part."""
     tables = []
     for name, body in run.verification.get("bodies", {}).items():
         rows: list[Row] = []

@@ -66,7 +66,7 @@ _STEPS = {
 
 
 def sections(folder: Folder, title: str = "") -> dict[str, Any]:
-    """The variables of the template for a folder; adds what is missing to `Folder.missing`."""
+    """The variables of the template for a folder; missing entries are added to `Folder.missing`."""
     run = Run(folder)
     record = run.record
     if record:
@@ -211,7 +211,7 @@ def _last_psi(run: Run, columns: Mapping[str, Any]) -> str:
         return ""
     reason = "the finished design is evaluated once more, with the law for cut elements"
     if run.moved:
-        reason = "steps of its boundary have followed, and what is reported is the part"
+        reason = "steps of its boundary have followed, and the reported value is that of the part"
     return (
         f"The last ψ of the history is {run.psi.text(float(history_psi[-1]))} {run.psi.name}, the "
         f"reported one {run.psi.text(psi)} {run.psi.name}: {reason}."
