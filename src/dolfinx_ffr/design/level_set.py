@@ -460,8 +460,8 @@ class LevelSet(Design):
         """Coefficients whose boundary is the zero line of a signed ``distance``.
 
         It is positive in the material, and given at the knots, shape (knots,) [m], or as a function
-        of positions (n, dimension) [m]. Coefficients (knots,) are 1 or 0 from three mean elements off the
-        boundary on. ValueError if there is not one finite value a knot.
+        of positions (n, dimension) [m]. Coefficients (knots,) are 1 or 0 from three mean elements
+        off the boundary on. ValueError if there is not one finite value a knot.
         """
         distances = distance(self.knots) if callable(distance) else distance
         d = finite_vector(distances, self.size, "level set", "distances, one a knot")
