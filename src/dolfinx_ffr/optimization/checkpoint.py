@@ -14,7 +14,7 @@ from ..parallel import on_rank_0
 from .stepper import with_prefix, without_prefix
 
 #: Of the names and meanings in the file; others are refused
-_FORMAT = 2
+_FORMAT = 3
 #: The phases of a run one after the other
 PHASES = ("design", "boundary")
 
