@@ -13,19 +13,19 @@ from ..io import CheckpointError, load_checkpoint, save_checkpoint
 from ..parallel import on_rank_0
 from .stepper import with_prefix, without_prefix
 
-#: Of the names and meanings in the file; others are refused
+#: Number of the names and meanings in the file; files with another number are refused
 _FORMAT = 3
 #: The phases of a run one after the other
 PHASES = ("design", "boundary")
 
 
 class Checkpoint:
-    """The file from which a run goes on.
+    """The file from which a run is resumed.
 
     Args:
         comm: The ranks of the run.
-        path: Of the file; None writes and reads nothing.
-        resume: Whether to go on from what the file has.
+        path: Path of the file; None writes and reads nothing.
+        resume: Whether to continue from the state in the file.
     """
 
     def __init__(self, comm: MPI.Comm, path: Path | None, resume: bool) -> None:
@@ -51,20 +51,20 @@ class Checkpoint:
         return True
 
     def section(self, phase: str) -> dict[str, Any] | None:
-        """What a phase of the earlier run has left, if it is to be resumed."""
+        """The state of a phase of the earlier run, if it is to be resumed."""
         return self._sections.get(phase)
 
     def save(self, phase: str, state: Mapping[str, Any]) -> None:
-        """Write the state of a phase beside those before it; later phases begin anew.
+        """Write the state of a phase after those of earlier phases; later phases begin anew.
 
-        Nothing is written where a phase before it has no state from which it could be resumed.
+        Nothing is written if an earlier phase has no state from which it could be resumed.
         """
-        before = PHASES[: PHASES.index(phase)]
-        if self.path is None or any(other not in self._sections for other in before):
+        earlier_phases = PHASES[: PHASES.index(phase)]
+        if self.path is None or any(earlier not in self._sections for earlier in earlier_phases):
             return
-        kept = {other: self._sections[other] for other in before}
-        self._sections = {**kept, phase: dict(state)}
-        named = [with_prefix(other, section) for other, section in self._sections.items()]
+        stored = {earlier: self._sections[earlier] for earlier in earlier_phases}
+        self._sections = {**stored, phase: dict(state)}
+        named = [with_prefix(earlier, section) for earlier, section in self._sections.items()]
         save_checkpoint(
             self._comm,
             self.path,

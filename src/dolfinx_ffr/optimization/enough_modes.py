@@ -19,10 +19,10 @@ from .result import of_problem, warn
 
 #: Iterations from one estimate to the next: it costs about as much as a value
 EVERY = 5
-#: Share of the tolerance that is left when modes are added, so that they last for a while
+#: Share of the tolerance for which modes are added, so that they suffice for a while
 ROOM = 0.5
-#: Factor by which the number of modes of a body grows at most in a run: where more are asked for,
-#: these are modes of nearly void pieces
+#: Largest factor by which the number of modes of a body grows in a run; if more are needed, these
+#: are modes of nearly void pieces
 MOST = 4
 
 
@@ -50,7 +50,7 @@ def with_steps_for(
 ) -> tuple[Problem, Evaluation]:
     """The problem with time steps chosen anew where they do not suffice, and the evaluation by it.
 
-    A TimeStepWarning says if none do, or it cannot be told.
+    A TimeStepWarning is given if none suffice, or if their error cannot be estimated.
     """
     if not isinstance(problem, Problem):  # one of the user's own
         return problem, evaluation
@@ -110,9 +110,9 @@ def with_enough_modes(
             grown = grown.with_modes(added)
             evaluated = grown.value(of_problem(x))
     except RuntimeError as error:  # what was designed so far must not be lost for an estimate
-        what = "the motion with them" if isinstance(error, SimulationError) else "they"
+        motion = "the motion with them" if isinstance(error, SimulationError) else "they"
         warn(
-            f"optimize: what the modes left out would add to psi cannot be estimated, as {what} "
+            f"optimize: what the modes left out would add to psi cannot be estimated, as {motion} "
             f"cannot be computed ({error}): look for loose or nearly void pieces, or take shorter "
             "steps"
         )

@@ -214,10 +214,9 @@ class DesignLoop:
     Its methods take a point x as `Problem.value` does, but always by name: densities of this rank's
     cells, shape (cells,), or variables of a design without a domain.
 
-    ``problem``, ``gradient``, ``iterations``, ``output``, ``resume``, ``progress``, ``callback``
-    and ``mode_tolerance`` are the arguments of `optimize`.
-
     Args:
+        problem, gradient, iterations, output, resume, progress, callback, mode_tolerance: Arguments
+            of `optimize`.
         domains: Domains of the bodies whose density is designed, by name.
         start: Variables of the start design if the user gives them, by name.
         followed: Whether steps of boundaries follow, which reduce violations of the design.

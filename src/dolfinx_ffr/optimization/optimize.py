@@ -101,14 +101,13 @@ def optimize(
         options: None; the error says which name is meant, or that it belongs to the optimizer.
 
     Returns:
-        The last design that was kept, on every rank.
+        The result, the same on every rank.
 
     Warns:
         DesignWarning: Names violated constraints (`Result.violations`), bodies more than a tenth of
-            which is gray, loose pieces, designs of which no part comes, why a boundary was not
-            moved, and, before the loop,
-            interfaces along which no cell stays solid, and parameters of the mechanism that no
-            design is given for.
+            which is gray, loose pieces, designs that make no part, the reason why a boundary was
+            not moved, and, before the loop, interfaces along which no cell stays solid, and
+            parameters of the mechanism without a design.
 
     Raises:
         ValueError: If the arguments do not fit each other, or psi of the start is zero.
@@ -117,7 +116,7 @@ def optimize(
         OSError: If a file cannot be written, or another program writes into ``output``.
     """
     comm = _ranks(problem)
-    # what is a user's own may fail on one rank: designs, objectives, gradients, callbacks
+    # code of users may fail on one rank: designs, objectives, gradients, callbacks
     with on_every_rank(comm, "optimize"):
         run = _checked(
             comm,
@@ -148,7 +147,7 @@ def optimize(
             start=None if start is None else run.begin,
             mode_tolerance=mode_tolerance if run.sizing is None else None,
             followed=run.steps > 0,
-            webs={n: part.web for n, part in run.designs.items() if isinstance(part, Design)},
+            webs={n: d.web for n, d in run.designs.items() if isinstance(d, Design)},
         )
         if run.tuned:
             problem.check_influence()
@@ -188,15 +187,15 @@ class _Checked:
 
 
 def check_run(problem: Problem, design: Any, **settings: Any) -> None:
-    """Refuse what `optimize` would refuse before it computes anything.
+    """Raise the errors of `optimize` for wrong arguments, without a computation.
 
     Arguments and errors are those of `optimize`.
     """
     comm = _ranks(problem)
     with on_every_rank(comm, "optimize"):
-        given = signature(optimize).bind(problem, design, **settings)
-        given.apply_defaults()
-        _checked(comm, **given.arguments)
+        bound_arguments = signature(optimize).bind(problem, design, **settings)
+        bound_arguments.apply_defaults()
+        _checked(comm, **bound_arguments.arguments)
 
 
 def _ranks(problem: Problem) -> MPI.Comm:
@@ -224,11 +223,11 @@ def _checked(
     boundary: int | None,
     options: Mapping[str, Any],
 ) -> _Checked:
-    """The arguments of `optimize`, or an error where they do not fit each other."""
-    alike: dict[str, Any] = {"iterations": iterations, "volume": volume, "resume": resume}
-    alike |= {"output": output is not None, "optimizer": optimizer, "gradient": gradient}
-    alike |= {"options": options, "mode_tolerance": mode_tolerance, "boundary": boundary}
-    check_alike(comm, "optimize", alike)
+    """The arguments of `optimize`, or an error if they do not fit each other."""
+    compared: dict[str, Any] = {"iterations": iterations, "volume": volume, "resume": resume}
+    compared |= {"output": output is not None, "optimizer": optimizer, "gradient": gradient}
+    compared |= {"options": options, "mode_tolerance": mode_tolerance, "boundary": boundary}
+    check_alike(comm, "optimize", compared)
     iterations = validation.integer("optimize: iterations", iterations)
     if boundary is not None:
         validation.integer("optimize: boundary", boundary)
@@ -236,11 +235,11 @@ def _checked(
     validation.flag("optimize: progress", progress)
     folder = None if output is None else validation.path("optimize: output", output)
     if callback is not None:
-        of = "iteration, density and evaluation"
-        validation.function("optimize: callback", callback, of)
+        takes = "iteration, density and evaluation"
+        validation.function("optimize: callback", callback, takes)
     if gradient is not None:
-        needed = ("__call__", "exact")
-        validation.implementation("optimize: gradient", gradient, needed, "ExactAdjoint()")
+        members = ("__call__", "exact")
+        validation.implementation("optimize: gradient", gradient, members, "ExactAdjoint()")
     if mode_tolerance is not None:
         validation.number("optimize: mode_tolerance", mode_tolerance, above=0.0)
     if resume and output is None:
@@ -257,28 +256,27 @@ def _checked(
             "material by a constraint, ffr.Constraint(ffr.Mass(name), upper=...)"
         )
     designs = _by_body(*(sizing or (problem, design)))
-    tuned = [part for part in designs.values() if isinstance(part, ParameterDesign)]
+    tuned = [d for d in designs.values() if isinstance(d, ParameterDesign)]
     if tuned and gradient is not None and not gradient.exact:
         raise ValueError("optimize: parameters take the exact gradient")
     if optimizer is not None:
-        what = "LevelSetEvolution(...) or MMA(...)"
-        validation.implementation("optimize: optimizer", optimizer, ("run",), what)
+        needed = "LevelSetEvolution(...) or MMA(...)"
+        validation.implementation("optimize: optimizer", optimizer, ("run",), needed)
     if options:
         taker = MMA if optimizer is None else type(optimizer)
         validation.keywords("optimize", options, optimize, taker)
         give = f"give {sorted(options)} to the optimizer"
         raise ValueError(f"optimize: {give}, optimizer={taker.__name__}(...)")
     problem = _of_plates(problem, designs, optimizer)
-    given_start = {n: part.even() for n, part in designs.items()} if start is None else start
-    starts = (
-        given_start if isinstance(given_start, Mapping) else dict.fromkeys(designs, given_start)
-    )
-    domains = {n: part.domain for n, part in designs.items() if isinstance(part, Design)}
+    starts = start if isinstance(start, Mapping) else dict.fromkeys(designs, start)
+    if start is None:
+        starts = {name: d.even() for name, d in designs.items()}
+    domains = {name: d.domain for name, d in designs.items() if isinstance(d, Design)}
     bounds = volume if isinstance(volume, Mapping) else dict.fromkeys(domains, volume)
-    for what, by_body, names in (("start", starts, designs), ("volume", bounds, domains)):
+    for argument, by_body, names in (("start", starts, designs), ("volume", bounds, domains)):
         if set(by_body) != set(names):
             raise ValueError(
-                f"optimize: {what} is given for {sorted(by_body)}, and the designs are of "
+                f"optimize: {argument} is given for {sorted(by_body)}, and the designs are of "
                 f"{sorted(names)}"
             )
     begin = {name: validation.numbers("optimize: start", starts[name]) for name in designs}
@@ -313,9 +311,9 @@ def _of_plates(
 ) -> Problem:
     """The problem with stiffness and mass in proportion to the thickness of designs with a web.
 
-    ValueError where that does not hold, or the web would not be seen.
+    A ValueError is raised if that is not so, or if the web would not matter.
     """
-    webs = [n for n, part in designs.items() if isinstance(part, Design) and part.web]
+    webs = [n for n, design in designs.items() if isinstance(design, Design) and design.web]
     if not webs:
         return problem
     named = ", ".join(map(repr, webs))
@@ -341,23 +339,23 @@ def _of_plates(
 
 
 def default_steps(iterations: int) -> int:
-    """Steps of the boundary that follow so many iterations, where their number is not given."""
+    """The default number of steps of the boundary after a number of iterations."""
     return min(iterations // 2, _BOUNDARY)
 
 
 def _with_parameters(
     problem: Problem, design: Variables | Parameters | Mapping[str, Variables | Parameters]
 ) -> Variables | Mapping[str, Variables]:
-    """The designs with parameters as variables, or an error where they are not the problem's."""
+    """The designs with parameters as variables, or an error if the problem has others."""
     if isinstance(design, Parameters) and not problem.flexible:
         design = {"parameters": design}
     by_name = design if isinstance(design, Mapping) else {"": design}
-    parameters = {name: part for name, part in by_name.items() if isinstance(part, Parameters)}
+    parameters = {name: entry for name, entry in by_name.items() if isinstance(entry, Parameters)}
     expected = getattr(problem, "parameters", None)
-    for name, part in parameters.items():
-        if expected is None or not part.fits(expected):
+    for name, entry in parameters.items():
+        if expected is None or not entry.fits(expected):
             raise ValueError(
-                f"optimize: {name or 'the design'!r} has the parameters {part.names}, and the "
+                f"optimize: {name or 'the design'!r} has the parameters {entry.names}, and the "
                 f"mechanism of the problem {'none' if expected is None else expected.names}, or "
                 "with other bounds; make it by parameters.mechanism(...)"
             )
@@ -381,7 +379,7 @@ def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> d
     names = list(problem.flexible)
     if isinstance(design, Mapping):
         without_domain = [
-            n for n, part in design.items() if n not in names and not isinstance(part, Design)
+            n for n, entry in design.items() if n not in names and not isinstance(entry, Design)
         ]
         if set(design) != {*names, *without_domain} or not design:
             raise ValueError(
@@ -395,24 +393,24 @@ def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> d
         )
     else:
         by_body = {names[0]: design}
-    for name, part in by_body.items():
-        what = f"optimize: the design of {name!r}"
+    for name, entry in by_body.items():
+        label = f"optimize: the design of {name!r}"
         if name in names:
-            validation.instance(what, part, Design, "a LevelSet or a DensityDesign")
+            validation.instance(label, entry, Design, "a LevelSet or a DensityDesign")
         else:
-            validation.instance(what, part, Variables, "Variables")
-        if not isinstance(part, Design):
+            validation.instance(label, entry, Variables, "Variables")
+        if not isinstance(entry, Design):
             continue
-        if part.domain is not problem.flexible[name].domain:
+        if entry.domain is not problem.flexible[name].domain:
             raise ValueError(
                 f"optimize: the design of {name!r} is not on the domain of the problem's body; "
                 f"make it on problem.bodies[{name!r}].domain"
             )
         # with a web there is a rim along all of the outline
-        undefended = [] if part.web else part.domain.designed_interfaces
-        if part.hole_rim:
+        undefended = [] if entry.web else entry.domain.designed_interfaces
+        if entry.hole_rim:
             undefended = [
-                interface for interface in undefended if not part.domain.on_hole(interface)
+                interface for interface in undefended if not entry.domain.on_hole(interface)
             ]
         if undefended:
             warn(

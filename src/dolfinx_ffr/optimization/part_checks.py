@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What finished parts do not keep of what was asked for, looked at on the parts alone."""
+"""Violations of sizes, rims and outlines by finished parts, found from the parts alone."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def part_violations(
     sizes: Mapping[str, tuple[float, float]],
     rims: Mapping[str, tuple[float, float]],
 ) -> dict[str, PartViolation]:
-    """What parts violate, by name of the violation.
+    """Violations of parts, by their names.
 
-    ``sizes`` are minimum member and minimum gap of the parts that were asked for some; ``rims`` the
-    width of the rims of drawn holes of all parts, and their minimum member [m].
+    ``sizes`` are the minimum member and minimum gap of parts for which the user gives sizes;
+    ``rims`` the width of the rims of drawn holes of all parts, and their minimum member [m].
     """
     violations = {}
     for name, part in parts.items():
@@ -35,6 +35,7 @@ def part_violations(
 def _of_sizes(
     problem: Problem, name: str, part: Part | Solid, member: float, gap: float
 ) -> Iterator[PartViolation]:
+    """Violations of minimum sizes, and struts that end free."""
     yield from size_violations(part, member, gap)
     if isinstance(part, Part) and not part.web:
         markers = problem.flexible[name].markers.values()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Bodies by named dimensions, as a problem whose variables are these, and densities of others.
+"""A problem whose variables are named dimensions of some bodies, and densities of others.
 
-Each design has a mesh of its own, and the exact gradient of what was computed there. A design that
-has no valid geometry is one that cannot be simulated, so the optimiser takes its step back.
+Each design has a mesh of its own, and the exact gradient on this mesh. A design without a valid
+geometry cannot be simulated, so the optimiser rejects its step.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .trial_failed import TrialFailed, shaping, simulating
 
 @dataclass(frozen=True)
 class SizedEvaluation(Evaluation):
-    """An evaluation on meshes of the dimensions."""
+    """An evaluation on meshes that follow the dimensions."""
 
     problem: Problem | None = field(default=None, repr=False)  #: On these meshes
     motions: dict[str, DimensionMotion] = field(default_factory=dict, repr=False)  #: By body
@@ -56,57 +56,60 @@ class Sizing:
                 )
 
     def with_bodies(self, bodies: Mapping[str, Any]) -> Sizing:
-        """The same with other bodies whose densities are designed."""
+        """The same problem with other bodies whose densities are designed."""
         return Sizing(self._problem.with_bodies(bodies), self._designs)
 
     def value(self, x: Array | Mapping[str, Array]) -> SizedEvaluation:
-        """Objective and constraints at variables and densities; SimulationError: no geometry."""
-        given = x if isinstance(x, Mapping) else dict.fromkeys(self._designs, x)
+        """Objective and constraints at variables and densities ``x``.
+
+        A SimulationError is raised if there is no geometry with these dimensions.
+        """
+        by_name = x if isinstance(x, Mapping) else dict.fromkeys(self._designs, x)
         bodies, motions = {}, {}
-        try:  # also what its gradient takes: a design that is kept has one
+        try:  # motions are computed here, too, so that an accepted design has a gradient
             with shaping():
                 for name, design in self._designs.items():
-                    domain = design.domain(self.comm, given[name])
+                    domain = design.domain(self.comm, by_name[name])
                     bodies[name] = body = self._problem.flexible[name].with_domain(domain)
-                    motions[name] = design.motion(domain, given[name], body.marker_nodes)
+                    motions[name] = design.motion(domain, by_name[name], body.marker_nodes)
                 problem = self._problem.with_bodies(bodies)
             with simulating():
-                evaluated = problem.value(of_problem({**given, **_full(bodies)}))
+                evaluated = problem.value(of_problem({**by_name, **_full(bodies)}))
         except TrialFailed as failed:
             error = failed.__cause__
             if self._begun and len(bodies) < len(self._designs):
-                warn(f"optimize: a step is taken back, as its body cannot be made: {error}")
+                warn(f"optimize: a step is rejected, as its body cannot be made: {error}")
             raise SimulationError(str(error), getattr(error, "trajectory", None)) from error  # type: ignore[arg-type]
         self._begun = True
         dimensions = {
             f"{name}: {key}": number
             for name, design in self._designs.items()
-            for key, number in design.named(given[name]).items()
+            for key, number in design.named(by_name[name]).items()
         }
         own_fields: dict[str, Any] = {
             "problem": problem,
             "motions": motions,
             "dimensions": dimensions,
         }
-        return SizedEvaluation(**_parts(evaluated), **own_fields)
+        return SizedEvaluation(**_fields(evaluated), **own_fields)
 
     def differentiate(self, evaluation: SizedEvaluation) -> SizedEvaluation:
-        """The evaluation with gradients by the variables in the place of those by densities."""
+        """The evaluation with gradients by the variables instead of densities."""
         assert evaluation.problem is not None
         differentiated = evaluation.problem.differentiate(evaluation, nodes=True)
         motions = evaluation.motions.items()
 
-        def along(part: Any) -> Any:
-            """The same with its gradient by the variables."""
-            if part.nodes is None:
-                return part
-            slopes = {n: m.pullback(part.nodes[n], part.centers[n]) for n, m in motions}
-            others = part.gradient if isinstance(part.gradient, Mapping) else {}
-            return replace(part, gradient={**others, **slopes})
+        def by_variables(evaluated: Any) -> Any:
+            """Values with their gradient by the variables."""
+            if evaluated.nodes is None:
+                return evaluated
+            slopes = {n: m.pullback(evaluated.nodes[n], evaluated.centers[n]) for n, m in motions}
+            by_density = evaluated.gradient if isinstance(evaluated.gradient, Mapping) else {}
+            return replace(evaluated, gradient={**by_density, **slopes})
 
-        cases = {n: along(case) for n, case in differentiated.load_cases.items()}
-        bounds = {n: along(bound) for n, bound in differentiated.constraints.items()}
-        return along(replace(differentiated, constraints=bounds, load_cases=cases))
+        cases = {n: by_variables(case) for n, case in differentiated.load_cases.items()}
+        bounds = {n: by_variables(bound) for n, bound in differentiated.constraints.items()}
+        return by_variables(replace(differentiated, constraints=bounds, load_cases=cases))
 
     def calibrated(self, evaluation: SizedEvaluation) -> tuple[Sizing, SizedEvaluation]:
         """As `Problem.calibrated`, for this and all later designs."""
@@ -132,26 +135,26 @@ class Sizing:
         """The result of a run with its problem on the last meshes, with as many modes as needed."""
         evaluation = result.evaluation
         assert isinstance(evaluation, SizedEvaluation) and evaluation.problem is not None
-        problem, final = evaluation.problem, Evaluation(**_parts(evaluation))
+        problem, final = evaluation.problem, Evaluation(**_fields(evaluation))
         x = {**result.variables, **result.densities, **self.full(problem)}
         if final.mechanism_parameters is not None and final.label:
             x[final.label] = final.mechanism_parameters.array
         errors: dict[str, float] = {}
         if tolerance is not None:
-            first = {name: body.modes for name, body in problem.flexible.items()}
-            problem, final, errors = with_enough_modes(problem, x, final, tolerance, first)
+            first_modes = {name: body.modes for name, body in problem.flexible.items()}
+            problem, final, errors = with_enough_modes(problem, x, final, tolerance, first_modes)
         problem, final = with_steps_for(problem, x, final)
         return replace(result, problem=problem, evaluation=final, mode_errors=errors)
 
 
 def _full(bodies: Mapping[str, FlexibleBody]) -> dict[str, Array]:
-    """Full bodies, (cells,) each."""
+    """Densities of full bodies, shape (cells,) each."""
     return {name: 1.0 - body.domain.void_cells for name, body in bodies.items()}
 
 
-def _parts(evaluation: Evaluation) -> dict[str, Any]:
-    """What an evaluation consists of."""
-    return {part.name: getattr(evaluation, part.name) for part in fields(Evaluation)}
+def _fields(evaluation: Evaluation) -> dict[str, Any]:
+    """The fields of an evaluation by name."""
+    return {entry.name: getattr(evaluation, entry.name) for entry in fields(Evaluation)}
 
 
 def sized(
@@ -160,7 +163,7 @@ def sized(
     """The problem of dimensions, and all designs by name; None if there are no dimensions."""
     names = list(problem.flexible)
     by_name = design if isinstance(design, Mapping) else dict.fromkeys(names[:1], design)
-    dimensioned = {n: part for n, part in by_name.items() if isinstance(part, DimensionDesign)}
+    dimensioned = {n: entry for n, entry in by_name.items() if isinstance(entry, DimensionDesign)}
     if not dimensioned:
         return None
     if not dimensioned.keys() <= set(names) <= by_name.keys():
