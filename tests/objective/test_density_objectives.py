@@ -83,7 +83,7 @@ def test_nothing_is_simulated_for_densities(
     problem = four_bar(comm, ffr.Volume("coupler") + 0.5 * Grayness("rocker"))
     x = waves(problem)
     evaluation = problem.gradient(x)
-    assert not evaluation.simulated
+    assert not evaluation.is_simulated
     with pytest.raises(ValueError, match="there is no trajectory: nothing was simulated"):
         _ = evaluation.trajectory
     volume = problem.flexible["coupler"].volume(x["coupler"])

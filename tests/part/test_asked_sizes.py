@@ -49,7 +49,8 @@ def test_a_thin_strut_and_a_narrow_slot_of_the_design(comm: MPI.Comm) -> None:
     violations = size_violations(slots(0.006), 0.004, 0.005)
     assert [each.name.partition(" near")[0] for each in violations] == ["thinnest member"]
     assert (
-        violations[0].share == pytest.approx(0.25, abs=0.01) and "more steps" in violations[0].message
+        violations[0].share == pytest.approx(0.25, abs=0.01)
+        and "more steps" in violations[0].message
     )
     violations = size_violations(slots(0.004), 0.003, 0.005)
     assert [each.name.partition(" near")[0] for each in violations] == ["narrowest gap"]

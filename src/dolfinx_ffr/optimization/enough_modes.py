@@ -83,7 +83,7 @@ def with_enough_modes(
     of psi stay above the tolerance with four times those, or with all that the mesh has, or cannot
     be estimated; then they are NaN.
     """
-    if not evaluation.simulated:
+    if not evaluation.is_simulated:
         return problem, evaluation, dict.fromkeys(problem.flexible, 0.0)
     grown = problem = problem.at_evaluation(evaluation)
     evaluated = evaluation

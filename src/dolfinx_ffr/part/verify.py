@@ -519,7 +519,7 @@ def _figures(
 
 def _with_stress(figures: Figures, problem: Problem, evaluation: Evaluation) -> Figures:
     """The figures of one problem with the largest stresses of its bodies, if these move."""
-    if not evaluation.simulated:
+    if not evaluation.is_simulated:
         return figures
     bodies = {}
     for name, body in figures.bodies.items():

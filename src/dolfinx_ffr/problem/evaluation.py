@@ -117,7 +117,7 @@ class Evaluation(Shown, Gradients):
         }
 
     @property
-    def simulated(self) -> bool:
+    def is_simulated(self) -> bool:
         """Whether anything was simulated."""
         return any(case.trajectory is not None for case in self.load_cases.values())
 
@@ -135,7 +135,7 @@ class Evaluation(Shown, Gradients):
 
     def check_simulated(self) -> None:
         """Refuse an evaluation for which nothing was simulated."""
-        if not self.simulated:
+        if not self.is_simulated:
             raise ValueError(
                 "there is no trajectory: nothing was simulated, because neither the objective nor "
                 "the constraints of this problem depend on it"

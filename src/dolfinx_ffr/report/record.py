@@ -236,8 +236,8 @@ def _scene(
                 joints[-1]["load_case"] = load_case
     if len(problem.load_cases) == 1:
         entry["loads"] = _loads(case.mechanism)
-        entry |= _integration(case, evaluation.trajectory if evaluation.simulated else None)
-    if evaluation.simulated:
+        entry |= _integration(case, evaluation.trajectory if evaluation.is_simulated else None)
+    if evaluation.is_simulated:
         try:
             report = model_report(problem, evaluation)
             names = ("modes_error", "step_error", "coordinates", "rows", "left_out")
@@ -305,7 +305,7 @@ def _constraints(result: Result, bounds: Mapping[str, float]) -> dict[str, Any]:
 
 def _stress(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
     entries: dict[str, Any] = {}
-    for name, body in problem.flexible.items() if evaluation.simulated else ():
+    for name, body in problem.flexible.items() if evaluation.is_simulated else ():
         worst = worst_stress(body, evaluation, name)
         entries[name] = {key: getattr(worst, f"largest_{key}") for key in ("time", "position")}
         entries[name]["value"] = worst.largest
