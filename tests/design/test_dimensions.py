@@ -322,7 +322,7 @@ def test_values_without_a_geometry_are_taken_back() -> None:
     with pytest.raises(ValueError, match=r"no body with middle = 0\.01: .*cross or touch at"):
         dimension_design.domain(MPI.COMM_SELF, [0.01])
     problem = machine(dimension_design.domain(MPI.COMM_SELF), objective=ffr.Mass("rod"))
-    with pytest.warns(ffr.DesignWarning, match=r"step is taken back.* cross or touch"):
+    with pytest.warns(ffr.DesignWarning, match=r"step is rejected.* cross or touch"):
         result = ffr.optimize(
             problem, dimension_design, iterations=12, progress=False, mode_tolerance=None
         )
