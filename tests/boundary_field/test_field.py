@@ -23,6 +23,8 @@ from dolfinx_ffr.boundary_field import (
     mended,
     redistanced,
 )
+from dolfinx_ffr.boundary_field.sizes import curvatures
+from dolfinx_ffr.fem import Spline
 from dolfinx_ffr.part import outline_violations
 
 MEMBER, RADIUS, CENTER = 4e-3, 5e-3, np.array([0.06, -0.01])
@@ -68,6 +70,23 @@ def test_a_part_keeps_the_outline_its_holes_and_their_rims() -> None:
     mesh = field.mesh(np.inf, fine=False)
     assert mesh.area == pytest.approx(part.area, rel=1e-3)
     assert np.any(mesh.solid_cells)
+
+
+def test_curves_of_a_part_are_as_round_as_the_zero_of_its_field() -> None:
+    void = shapely.box(0.09, -0.012, 0.12, 0.012).buffer(-2e-3).buffer(2e-3)
+    field = redistanced(with_voids(plate(), void))
+    curve = max(
+        (c for c in field.part.drawing.curves if isinstance(c, Spline)), key=lambda c: c.length
+    )
+    x = curve.at(np.linspace(0.0, 1.0, 2000))
+    before, points, after = x[:-8:8], x[4:-4:8], x[8::8]
+    doubled = np.abs(np.linalg.det(np.stack([points - before, after - before], axis=1)))
+    sides = [np.linalg.norm(a - b, axis=1) for a, b in ((points, before), (after, points))]
+    radii = sides[0] * sides[1] * np.linalg.norm(after - before, axis=1) / (2.0 * doubled)
+    sharp = radii < 3e-3
+    assert np.any(sharp)
+    curvature = np.abs(curvatures(field, points[sharp]))
+    assert np.allclose(radii[sharp] * curvature, 1.0, rtol=0.1)
 
 
 @pytest.mark.parametrize("angle", [0.0, 90.0, 180.0, 270.0])

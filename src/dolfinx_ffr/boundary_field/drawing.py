@@ -28,6 +28,9 @@ _FINE, _ZERO, _SAME, _APART = 1e-3, 1e-3, 0.05, 0.7
 _STEEP = 0.3
 #: Fewest points of a spline, and rounds of Newton's method
 _FEWEST, _NEWTON = 4, 3
+#: Turn of a spline from one of its points to the next at most [rad]: its radii then are those of
+#: the zero within 1 %
+_TURN = 0.25
 
 #: Number of a curve of the body's drawing, or -1 for the zero of the field
 _ZERO_LINE = -1
@@ -105,9 +108,7 @@ class _Level(Protocol):
     @property
     def on_raster(self) -> Array: ...
 
-    def spline(self, points: Array) -> Array: ...
-
-    def gradient(self, points: Array) -> Array: ...
+    def derivatives(self, points: Array) -> tuple[Array, Array]: ...
 
 
 def designed_faces(field: _Level, grid: SplineGrid, body: BodyDrawing) -> list[shapely.Polygon]:
@@ -159,7 +160,9 @@ class FieldDrawing:
             for face in designed_faces(field, grid, body)
         ]
         loops = [loop for rings in faces for loop in rings]
-        self._onto_zero([run for loop in loops for run in loop if run.number < 0])
+        zero_lines = [run for loop in loops for run in loop if run.number < 0]
+        self._onto_zero(zero_lines)
+        self._refine(zero_lines)
         self._slide_ends([loop for loop in loops if len(loop) > 1])
         self.drawing = self._drawn([[self._sides(loop) for loop in rings] for rings in faces])
 
@@ -184,13 +187,25 @@ class FieldDrawing:
     # ------------------------------------------------------------------ curves
 
     def _onto_zero(self, runs: list[_Run]) -> None:
-        """Move all but the ends of runs along the zero of the field onto it."""
+        """Move all but the ends of runs along the zero of the field onto it, well apart."""
         inner = [run.points if run.closed else run.points[1:-1] for run in runs]
         if not inner:
             return
-        points, most = np.vstack(inner), self._body.step
+        moved = np.split(self._on_zero(np.vstack(inner)), np.cumsum([len(x) for x in inner])[:-1])
+        apart = _APART * self._body.step
+        for run, points in zip(runs, moved, strict=True):
+            if run.closed:
+                ring = _thinned(points[:-1], apart, closed=True)
+                run.points = np.vstack([ring, ring[:1]])
+            else:
+                ends = run.points[[0]], points, run.points[[-1]]
+                run.points = _thinned(np.vstack(ends), apart, closed=False)
+
+    def _on_zero(self, points: Array) -> Array:
+        """The places on the zero of the field beside ``points`` (n, 2)."""
+        most = self._body.step
         for _ in range(_NEWTON):
-            value, gradient = self._field.spline(points), self._field.gradient(points)
+            value, gradient = self._field.derivatives(points)
             square = np.maximum(np.sum(gradient**2, axis=1), 1e-12)
             way = np.clip(value / square, -most / np.sqrt(square), most / np.sqrt(square))
             points = points - way[:, None] * gradient
@@ -200,10 +215,29 @@ class FieldDrawing:
         if len(beyond):
             lines = shapely.shortest_line(self._body.designed, shapely.points(points[beyond]))
             points[beyond] = shapely.get_coordinates(lines)[::2]
-        for run, moved in zip(
-            runs, np.split(points, np.cumsum([len(x) for x in inner])[:-1]), strict=True
-        ):
-            run.points[slice(None) if run.closed else slice(1, -1)] = moved
+        return points
+
+    def _refine(self, runs: list[_Run]) -> None:
+        """Put more points of the zero between those of runs where it turns."""
+        if not runs:
+            return
+        points = np.vstack([run.points for run in runs])
+        normals = self._field.derivatives(points)[1]
+        angles = np.arctan2(normals[:, 1], normals[:, 0])
+        turns = np.abs((np.diff(angles) + np.pi) % (2.0 * np.pi) - np.pi)
+        ends = np.cumsum([len(run.points) for run in runs])
+        turns[ends[:-1] - 1] = 0.0  # from one run to the next
+        extra = np.ceil(turns / _TURN).astype(np.int64) - 1
+        where = np.repeat(np.arange(len(extra)), np.maximum(extra, 0))
+        if not len(where):
+            return
+        first = np.searchsorted(where, where)
+        share = (np.arange(len(where)) - first + 1.0) / (extra[where] + 1.0)
+        between = points[where] + share[:, None] * (points[where + 1] - points[where])
+        between = self._on_zero(between)
+        for run, start, end in zip(runs, [0, *ends[:-1].tolist()], ends.tolist(), strict=True):
+            of_run = (where >= start) & (where < end - 1)
+            run.points = np.insert(run.points, where[of_run] + 1 - start, between[of_run], axis=0)
 
     def _slide_ends(self, loops: list[list[_Run]]) -> None:
         """Find where curves of the body meet the zero of the field, and other ends of runs."""
@@ -225,11 +259,11 @@ class FieldDrawing:
             where = t[:, None]
             points = np.vstack([c.at(at) for c, at in zip(curves, where, strict=True)])
             slope = np.vstack([c.slope(at) for c, at in zip(curves, where, strict=True)])
-            gradient = self._field.gradient(points)
+            value, gradient = self._field.derivatives(points)
             rate = np.einsum("ni,ni->n", gradient, slope)
             size = np.linalg.norm(gradient, axis=1) * np.linalg.norm(slope, axis=1)
             steep &= np.abs(rate) > _STEEP * size
-            change = self._field.spline(points) / np.where(steep, rate, 1.0)
+            change = value / np.where(steep, rate, 1.0)
             t = np.clip(np.where(steep, t - change, start), 0.0, 1.0)
         points = np.vstack([c.at(at) for c, at in zip(curves, t[:, None], strict=True)])
         near = np.linalg.norm(points - places, axis=1) < self._body.step
@@ -256,7 +290,7 @@ class FieldDrawing:
         if run.number >= 0:  # a closed curve of the body's drawing
             node = self._body.drawing.nodes[run.number][0]
             return _Side(run.number, node, node, self._is_forward(run))
-        points = _thinned(run.points[:-1], _APART * self._body.step, closed=True)
+        points = run.points[:-1]
         node, self._next_node = self._next_node, self._next_node + 1
         return self._new_curve(Spline.around(points), node, node)
 
@@ -286,8 +320,7 @@ class FieldDrawing:
         return node, place
 
     def _through(self, points: Array, start: Array, end: Array) -> Curve:
-        apart = _APART * self._body.step
-        points = _thinned(np.vstack([start, points[1:-1], end]), apart, closed=False)
+        points = np.vstack([start, points[1:-1], end])
         return Spline.through(points) if len(points) >= _FEWEST else Line(start, end)
 
     # ------------------------------------------------------------------ the drawing

@@ -119,6 +119,17 @@ class FieldSpace:
             if not stays.covers(rim)
         }
 
+    @cached_property
+    def drawn_corners(self) -> shapely.Geometry:
+        """Where the body's outline is sharper than the minimum radius, inside and outside [m]."""
+        outline, radius = self.body.outline, self.options.spare * self.radius
+        inside = outline.difference(outline.buffer(-radius).buffer(radius))
+        outside = outline.buffer(radius).buffer(-radius).difference(outline)
+        fine = self._accuracy
+        corners = shapely.union_all([inside, outside]).buffer(-0.5 * fine).buffer(fine)
+        shapely.prepare(corners)
+        return corners
+
     @property
     def drawn_holes(self) -> list[shapely.Polygon]:
         """The holes of the body's drawing [m]."""
@@ -318,6 +329,11 @@ class BoundaryField:
         """Its gradient, (n, 2)."""
         return self.space.grid.gradient(self.variables, points)
 
+    def derivatives(self, points: Array) -> tuple[Array, Array]:
+        """Its value (n,) [m] and gradient (n, 2) at ``points`` (n, 2) [m]."""
+        value, gradient = self.space.grid.derivatives(self.variables, points, 1)
+        return value, gradient
+
     @cached_property
     def on_raster(self) -> Array:
         """The spline field on a raster of half a spacing over the grid, (2 n + 1 each way)."""
@@ -361,25 +377,32 @@ class BoundaryField:
         return self._edge(points, normals, lengths)
 
     def _edge(self, points: Array, normals: Array, lengths: Array) -> Edge:
-        spacing, gradient = self.space.grid.spacing, self.gradient(points)
-        slopes, value = np.linalg.norm(gradient, axis=1), self.spline(points)
+        grid, near = self.space.grid, self.space.options.on_zero * self.space.grid.spacing
+        value, gradient = grid.derivatives(self.variables, points, 1)
+        slopes = np.linalg.norm(gradient, axis=1)
         places = shapely.points(points)
-        drawn = shapely.dwithin(self.space.drawn_lines, places, 1e-3 * spacing)
+        drawn = shapely.dwithin(self.space.drawn_lines, places, 1e-3 * grid.spacing)
         # away from the body's drawing these points are on chords of the zero
-        moves = ~drawn | (np.abs(value) < self.space.options.on_zero * spacing * slopes)
-        moves &= ~self._fixed(points, places)
-        points, beside = points.copy(), 0.0
+        moves = ~drawn | (np.abs(value) < near * slopes)
+        moves[moves] = ~self._fixed(points[moves], places[moves])
+
+        value, gradient, moved = value[moves], gradient[moves], points[moves]
+        beside = 0.0
         for _ in range(2):
-            way = np.clip(value / np.maximum(slopes, 1e-6), -0.25 * spacing, 0.25 * spacing)
-            way = np.where(moves, way, 0.0)
-            beside += float(lengths @ way)
-            points -= (way / np.maximum(slopes, 1e-6))[:, None] * gradient
-            gradient, value = self.gradient(points), self.spline(points)
-            slopes = np.linalg.norm(gradient, axis=1)
-        normals = np.where(moves[:, None], -gradient / slopes[:, None], normals)
-        share = np.where(moves, 1.0 / slopes, 0.0)
-        rows = csr_matrix(diags(share) @ self.space.grid.rows(points))
-        rows.eliminate_zeros()
+            size = np.maximum(np.linalg.norm(gradient, axis=1), 1e-6)
+            way = np.clip(value / size, -0.25 * grid.spacing, 0.25 * grid.spacing)
+            beside += float(lengths[moves] @ way)
+            moved = moved - (way / size)[:, None] * gradient
+            value, gradient = grid.derivatives(self.variables, moved, 1)
+        points, normals = points.copy(), normals.copy()
+        points[moves], slopes[moves] = moved, np.linalg.norm(gradient, axis=1)
+        normals[moves] = -gradient / slopes[moves, None]
+
+        motion = csr_matrix(diags(1.0 / slopes[moves]) @ grid.rows(moved))
+        of_row = np.zeros(len(points), dtype=np.int64)
+        of_row[moves] = np.diff(motion.indptr)
+        ends = np.concatenate([[0], np.cumsum(of_row)])
+        rows = csr_matrix((motion.data, motion.indices, ends), (len(points), grid.size))
         return Edge(points, normals, lengths, moves, slopes, rows, beside)
 
     def _fixed(self, points: Array, places: Array) -> Mask:

@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import cached_property
 
-import numpy as np
 import shapely
 
 from ..arrays import Array
@@ -22,7 +20,7 @@ from .operations import best_hole, best_member, cut, most_idle, small_voids, uni
 from .options import FieldOptions
 from .projection import SmoothMotion
 from .sizes import SizeRows
-from .smoothing import free_variables, is_uneven, mended, metric, redistanced
+from .smoothing import at_bounds, free_variables, is_uneven, mended, metric, redistanced
 
 Promising = Callable[["PlaneBoundary", Struts], shapely.Geometry | None]
 Operation = Callable[["PlaneBoundary", shapely.Geometry], "PlaneBoundary"]
@@ -108,17 +106,10 @@ class PlaneBoundary(BoundaryField, MovingBoundary):
     def sizes(self) -> SizeRows:
         return SizeRows.of(self)
 
-    @cached_property
-    def _smooth(self) -> SmoothMotion:
-        return SmoothMotion(metric(self), free_variables(self))
-
     def smooth_motion(self, slope: Array) -> SmoothMotion:
-        smooth = self._smooth
-        downhill = np.zeros(len(slope))
-        downhill[smooth.free] = -smooth.solve(slope[smooth.free])
         # variables at their bounds that would leave these stay
-        leaving = (downhill > 0.0) & (self.variables >= self.space.upper - 1e-9)
-        return smooth.without(leaving) if np.any(leaving) else smooth
+        free = free_variables(self) & ~(at_bounds(self) & (slope < 0.0))
+        return SmoothMotion(metric(self), free)
 
     def moved(self, motion: Array, smooth: SmoothMotion) -> PlaneBoundary:
         field = self.with_variables(self.variables + motion)

@@ -68,7 +68,7 @@ def _widths(field: BoundaryField, side: float, least: float) -> tuple[Array, csr
         return _none(field)
 
     middle = 0.5 * (points[first] + points[second])
-    chosen = _one_of_each_place(field, middle, width)
+    chosen = _one_of_each_place(field, middle, width, options.bin * field.space.member)
     first, second, width = first[chosen], second[chosen], width[chosen]
     across = _across(normals[first], normals[second])
     cosines = [np.abs(np.einsum("ij,ij->i", across, normals[k])) for k in (first, second)]
@@ -129,50 +129,67 @@ def _ends(edge: Edge) -> Array:
 
 def _radii(field: BoundaryField, least: float) -> tuple[Array, csr_matrix, Array]:
     """Where the curvature of the boundary is larger than it may be, or nearly so."""
-    options, edge, grid = field.space.options, field.edge, field.space.grid
+    options, edge = field.space.options, field.edge
     points = edge.points[edge.moves]
-    turn = _curvature(field, points)
+    turn = curvatures(field, points)
     sharp = np.flatnonzero(np.abs(turn) * least * options.seen > 1.0)
-    # a line that ends at what stays solid has a corner there
-    cornered = shapely.dwithin(field.space.solid, shapely.points(points[sharp]), least)
-    sharp = sharp[~cornered]
-    points, turn = points[sharp], turn[sharp]
-    chosen = _one_of_each_place(field, points, -np.abs(turn))
+    # the sharpest place may be between two points
+    beside = _beside(field, points[sharp], options.sample * field.space.member / 3.0)
+    points = np.concatenate([points[sharp], beside])
+    turn = np.concatenate([turn[sharp], curvatures(field, beside)])
+    # a line that ends at what stays solid has a corner there, and the body's drawing may have some
+    cornered = shapely.dwithin(field.space.solid, shapely.points(points), least)
+    cornered |= shapely.intersects_xy(field.space.drawn_corners, *points.T)
+    points, turn = points[~cornered], turn[~cornered]
+    chosen = _one_of_each_place(field, points, -np.abs(turn), options.bin * least)
     points, turn = points[chosen], turn[chosen]
     slopes = _curvature_slopes(field, points)
-    # as the boundary moves along its normal a circle becomes larger or smaller
-    speed = np.linalg.norm(field.gradient(points), axis=1)
-    slopes = slopes + diags(turn**2 / speed) @ grid.rows(points)
     # curvatures are linear in the motion, and radii of sharp corners are not
     values = np.abs(turn) * least - 1.0
     return values, csr_matrix(diags(least * np.sign(turn)) @ slopes), points
 
 
-def _curvature(field: BoundaryField, points: Array) -> Array:
+def _beside(field: BoundaryField, points: Array, step: float) -> Array:
+    """Points on the zero a ``step`` [m] before and after ``points`` (n, 2) on it, (2 n, 2)."""
+    gradient = field.gradient(points)
+    way = np.column_stack([-gradient[:, 1], gradient[:, 0]])
+    way *= step / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
+    beside = np.concatenate([points - way, points + way])
+    for _ in range(2):
+        value, gradient = field.derivatives(beside)
+        square = np.maximum(np.sum(gradient**2, axis=1), 1e-12)
+        beside -= (value / square)[:, None] * gradient
+    return beside
+
+
+def curvatures(field: BoundaryField, points: Array) -> Array:
     """Curvature of the field's lines at points, positive in notches, (n,) [1/m]."""
-    (xx, xy), (_, yy) = field.space.grid.bend(field.variables, points)
-    x, y = field.gradient(points).T
+    _, gradient, bend = field.space.grid.derivatives(field.variables, points, 2)
+    x, y = gradient.T
     size = np.maximum(np.hypot(x, y), 1e-300)
+    xx, xy, yy = bend[:, 0, 0], bend[:, 0, 1], bend[:, 1, 1]
     return np.asarray((xx * y**2 - 2.0 * xy * x * y + yy * x**2) / size**3)
 
 
 def _curvature_slopes(field: BoundaryField, points: Array) -> csr_matrix:
-    """The derivative of that curvature by the variables, (n, variables) [1/m^2]."""
-    grid, turn = field.space.grid, _curvature(field, points)
-    (xx, xy), (_, yy) = grid.bend(field.variables, points)
-    (by_xx, by_xy), (_, by_yy) = grid.bend_rows(points)
-    by_x, by_y = grid.slope_rows(points)
-    x, y = field.gradient(points).T
+    """The derivative of the curvature of the zero by the variables, (n, variables) [1/m^2].
+
+    As the boundary moves along its normal a circle becomes larger or smaller.
+    """
+    grid, turn = field.space.grid, curvatures(field, points)
+    _, gradient, bend = grid.derivatives(field.variables, points, 2)
+    (x, y), (xx, xy, yy) = gradient.T, (bend[:, 0, 0], bend[:, 0, 1], bend[:, 1, 1])
     size = np.maximum(np.hypot(x, y), 1e-300)
-    numerator = diags(y**2) @ by_xx - diags(2.0 * x * y) @ by_xy + diags(x**2) @ by_yy
-    numerator += diags(2.0 * (yy * x - xy * y)) @ by_x + diags(2.0 * (xx * y - xy * x)) @ by_y
-    along = diags(x) @ by_x + diags(y) @ by_y  # the derivative of size^2 / 2
-    return csr_matrix(diags(size**-3) @ numerator - diags(3.0 * turn / size**2) @ along)
+    by_bends = np.stack([np.stack([y**2, -x * y], 1), np.stack([-x * y, x**2], 1)], axis=1)
+    by_slopes = 2.0 * np.stack([yy * x - xy * y, xx * y - xy * x], axis=1)
+    by_slopes -= (3.0 * turn * size)[:, None] * gradient  # the power of the size
+    cube = size**3
+    ways = by_slopes / cube[:, None]
+    return grid.bend_rows(points, by_bends / cube[:, None, None], ways, turn**2 / size)
 
 
-def _one_of_each_place(field: BoundaryField, points: Array, sizes: Array) -> Integers:
-    """The numbers of the smallest size in each bin of the body; mirror images are one place."""
-    width = field.space.options.bin * field.space.member
+def _one_of_each_place(field: BoundaryField, points: Array, sizes: Array, width: float) -> Integers:
+    """The numbers of the smallest size in each bin of a ``width``; mirror images are one place."""
     center = field.space.grid.center
     images = np.stack([g(points) - center for g in field.space.isometries])
     # of all images the one that is last in a direction that no mirror leaves

@@ -14,8 +14,6 @@ from .sizes import SizeRows
 
 #: Violation of a size or the volume that needs no mending
 _MENDED = 1e-3
-#: Rounds in which variables that would leave their bounds are found
-_BOUNDS = 3
 
 
 def metric(field: BoundaryField) -> csc_matrix:
@@ -37,9 +35,9 @@ def metric(field: BoundaryField) -> csc_matrix:
 def _along(field: BoundaryField, moves: Integers) -> csr_matrix:
     """The slope of the motion along the boundary, where it moves, by the variables."""
     edge = field.edge
-    by_x, by_y = field.space.grid.slope_rows(edge.points[moves])
-    normals, share = edge.normals[moves], 1.0 / edge.slopes[moves]
-    return csr_matrix(diags(-normals[:, 1] * share) @ by_x + diags(normals[:, 0] * share) @ by_y)
+    normals = edge.normals[moves]
+    along = np.column_stack([-normals[:, 1], normals[:, 0]]) / edge.slopes[moves, None]
+    return field.space.grid.slope_rows(edge.points[moves], along)
 
 
 def free_variables(field: BoundaryField) -> Mask:
@@ -59,15 +57,25 @@ def mended(field: AnyField, reach: float, smooth: SmoothMotion | None = None) ->
         rows, beyond = SizeRows.of(field), _beyond_volume(field)
         if max(rows.violation, beyond) <= _MENDED:
             break
-        smooth_here = smooth or SmoothMotion(metric(field), free_variables(field))
+        smooth = smooth or SmoothMotion(metric(field), free_variables(field))
         near = np.flatnonzero(rows.values > -options.at_once)
         slopes = vstack([rows.slopes[near], _volume_slope(field)], format="csr")
         violations = np.minimum(np.append(rows.values[near], beyond), options.at_once)
-        motion = _within_bounds(field, smooth_here, slopes, violations)
+        motion = _least(smooth, slopes, violations)
+        # variables at their bounds that would leave these stay from now on
+        leaving = at_bounds(field) & (motion > 0.0)
+        if np.any(leaving):
+            smooth = smooth.without(leaving)
+            motion = _least(smooth, slopes, violations)
         longest = float(np.max(np.abs(motion), initial=0.0))
         motion *= min(1.0, reach / max(longest, 1e-300))
         field = field.with_variables(field.variables + motion)
     return field
+
+
+def _least(smooth: SmoothMotion, rows: csr_matrix, violations: Array) -> Array:
+    """The smallest motion by a metric that mends violations."""
+    return Projection(smooth, np.zeros(rows.shape[1]), rows).step(violations, 1.0)[0]
 
 
 def _beyond_volume(field: BoundaryField) -> float:
@@ -83,24 +91,9 @@ def _volume_slope(field: BoundaryField) -> csr_matrix:
     return csr_matrix(field.edge.rows.T @ field.edge.lengths / most)
 
 
-def _within_bounds(
-    field: BoundaryField,
-    smooth: SmoothMotion,
-    rows: csr_matrix,
-    violations: Array,
-    slope: Array | None = None,
-) -> Array:
-    """The best motion by a metric and a slope; variables at bounds that would leave these stay."""
-    slope = np.zeros(len(field.variables)) if slope is None else slope
-    at_bound = field.variables >= field.space.upper - 1e-9
-    motion = np.zeros(len(field.variables))
-    for _ in range(_BOUNDS):
-        motion, _ = Projection(smooth, slope, rows).step(violations, 1.0)
-        leaving = at_bound & (motion > 0.0)
-        if not np.any(leaving):
-            break
-        smooth = smooth.without(leaving)
-    return motion
+def at_bounds(field: BoundaryField) -> Mask:
+    """The variables that are as large as they may be, as the outline is near."""
+    return np.asarray(field.variables >= field.space.upper - 1e-9)
 
 
 def is_uneven(field: BoundaryField) -> bool:
@@ -123,8 +116,7 @@ def redistanced(field: AnyField) -> AnyField:
     points, normals = edge.points[moves], edge.normals[moves]
     weights = diags(edge.lengths[moves] / spacing)
     values = grid.rows(points)
-    by_x, by_y = grid.slope_rows(points)
-    outward = diags(normals[:, 0]) @ by_x + diags(normals[:, 1]) @ by_y
+    outward = grid.slope_rows(points, normals)
     nodes = grid.nodes[space.near_nodes]
     distance = np.minimum(cKDTree(points).query(nodes)[0], options.cut_off * spacing)
     target = np.sign(field.spline(nodes)) * distance
@@ -137,6 +129,7 @@ def redistanced(field: AnyField) -> AnyField:
     rows = SizeRows.of(field)
     violations = np.minimum(rows.values, options.at_once)
     slope = matrix @ field.variables - right
-    smooth = SmoothMotion(matrix, ~space.held)
-    motion = _within_bounds(field, smooth, rows.slopes, violations, slope)
+    # variables at their bounds that would leave these stay
+    smooth = SmoothMotion(matrix, ~space.held & ~(at_bounds(field) & (slope < 0.0)))
+    motion, _ = Projection(smooth, slope, rows.slopes).step(violations, 1.0)
     return field.with_variables(field.variables + motion)

@@ -84,34 +84,44 @@ class SplineGrid:
 
     def rows(self, points: Array) -> csr_matrix:
         """The shares of the variables in the field at ``points`` (n, d) [m], (n, variables)."""
-        where, columns = self._places(points)
-        return self._matrix(self._shares(where, (0,) * self.dimension), columns)
+        shares, columns = self._shares(points, 0)
+        return self._matrix(shares[0], columns)
 
-    def slope_rows(self, points: Array) -> list[csr_matrix]:
-        """Their shares in the d components of its gradient, (n, variables) [1/m] each."""
-        where, columns = self._places(points)
-        return [self._matrix(shares, columns) for shares in self._slopes(where)]
+    def slope_rows(self, points: Array, ways: Array) -> csr_matrix:
+        """Their shares in its derivative along ``ways`` (n, d) at points, (n, variables)."""
+        shares, columns = self._shares(points, 1)
+        return self._matrix(np.einsum("inc,ni->nc", shares[1], ways), columns)
 
-    def bend_rows(self, points: Array) -> list[list[csr_matrix]]:
-        """Their shares in the second derivatives, d by d of (n, variables) [1/m^2]."""
-        where, columns = self._places(points)
-        return [[self._matrix(s, columns) for s in row] for row in self._bends(where)]
+    def bend_rows(self, points: Array, bends: Array, ways: Array, values: Array) -> csr_matrix:
+        """Their shares in a sum of its second and first derivatives and its value at points.
+
+        Args:
+            points: (n, d) [m].
+            bends: Factors of the second derivatives, (n, d, d).
+            ways: Factors of the first derivatives, (n, d).
+            values: Factors of the value, (n,).
+        """
+        shares, columns = self._shares(points, 2)
+        total = shares[0] * values[:, None] + np.einsum("inc,ni->nc", shares[1], ways)
+        return self._matrix(total + np.einsum("ijnc,nij->nc", shares[2], bends), columns)
 
     def value(self, variables: Array, points: Array) -> Array:
         """The field of some ``variables`` at ``points`` (n, d) [m], (n,)."""
-        where, columns = self._places(points)
-        shares = self._shares(where, (0,) * self.dimension)
-        return np.asarray(np.sum(shares * variables[columns], axis=1))
+        return self.derivatives(variables, points, 0)[0]
 
     def gradient(self, variables: Array, points: Array) -> Array:
         """The gradient of that field, (n, d) [1/m]."""
-        where, columns = self._places(points)
-        return np.einsum("inc,nc->ni", self._slopes(where), variables[columns])
+        return self.derivatives(variables, points, 1)[1]
 
-    def bend(self, variables: Array, points: Array) -> Array:
-        """The second derivatives of that field, (d, d, n) [1/m^2]."""
-        where, columns = self._places(points)
-        return np.einsum("ijnc,nc->ijn", self._bends(where), variables[columns])
+    def derivatives(self, variables: Array, points: Array, order: int) -> list[Array]:
+        """The value of that field (n,), its gradient (n, d) and its bends (n, d, d) at points.
+
+        They are given up to an ``order``: 0, 1 or 2 [1, 1/m, 1/m^2].
+        """
+        shares, columns = self._shares(points, order)
+        coefficients = variables[columns]
+        sums = ("nc,nc->n", "inc,nc->ni", "ijnc,nc->nij")[: order + 1]
+        return [np.einsum(s, x, coefficients) for s, x in zip(sums, shares, strict=True)]
 
     @cached_property
     def integrals(self) -> tuple[csc_matrix, csc_matrix]:
@@ -125,7 +135,9 @@ class SplineGrid:
         weight = (0.5 * self.spacing) ** self.dimension
         value = self.rows(points)
         mass = (weight / self.spacing) * (value.T @ value)
-        stiffness = sum(slope.T @ slope for slope in self.slope_rows(points))
+        units = np.eye(self.dimension)
+        slopes = [self.slope_rows(points, np.tile(unit, (len(points), 1))) for unit in units]
+        stiffness = sum(slope.T @ slope for slope in slopes)
         return csc_matrix(mass), csc_matrix(weight * self.spacing * stiffness)
 
     @cached_property
@@ -157,26 +169,34 @@ class SplineGrid:
             columns = columns.reshape(len(points), 4 ** (k + 1))
         return where - first, self.masters.indices[columns]
 
-    def _shares(self, where: Array, order: Sequence[int]) -> Array:
-        """Products of splines, or of their derivatives, along the axes of the grid, (n, 4^d)."""
-        shares = np.ones((len(where), 1))
-        for k, derivative in enumerate(order):
-            along = _splines(where[:, k], derivative) / self.spacing**derivative
-            shares = shares[:, :, None] * along[:, None, :]
-            shares = shares.reshape(len(where), 4 ** (k + 1))
-        return shares
+    def _shares(self, points: Array, order: int) -> tuple[list[Array], Integers]:
+        """The shares of splines in the value and its derivatives, and the variables of these.
 
-    def _slopes(self, where: Array) -> Array:
-        """Shares in the components of the gradient, (d, n, 4^d) [1/m]."""
-        unit = np.eye(self.dimension, dtype=np.int64)
-        along = np.array([self._shares(where, order) for order in unit])
-        return np.einsum("ki,knc->inc", self.axes, along)
+        The value (n, 4^d), slopes (d, n, 4^d) [1/m] and bends (d, d, n, 4^d) [1/m^2], up to an
+        ``order``; the variables (n, 4^d).
+        """
+        where, columns = self._places(points)
+        splines = [
+            [_splines(where[:, k], m) / self.spacing**m for m in range(order + 1)]
+            for k in range(self.dimension)
+        ]
 
-    def _bends(self, where: Array) -> Array:
-        """Shares in the second derivatives, (d, d, n, 4^d) [1/m^2]."""
-        unit = np.eye(self.dimension, dtype=np.int64)
-        along = np.array([[self._shares(where, tuple(i + j)) for j in unit] for i in unit])
-        return np.einsum("ki,lj,klnc->ijnc", self.axes, self.axes, along, optimize=True)
+        def product(orders: Array) -> Array:
+            shares = np.ones((len(points), 1))
+            for k, m in enumerate(orders.tolist()):
+                shares = shares[:, :, None] * splines[k][m][:, None, :]
+                shares = shares.reshape(len(points), 4 ** (k + 1))
+            return shares
+
+        unit, axes = np.eye(self.dimension, dtype=np.int64), self.axes
+        total = [product(np.zeros(self.dimension, dtype=np.int64))]
+        if order > 0:
+            slopes = np.array([product(i) for i in unit])
+            total.append(np.einsum("ki,knc->inc", axes, slopes))
+        if order > 1:
+            bends = np.array([[product(i + j) for j in unit] for i in unit])
+            total.append(np.einsum("ki,lj,klnc->ijnc", axes, axes, bends, optimize=True))
+        return total, columns
 
     def _matrix(self, shares: Array, columns: Integers) -> csr_matrix:
         ends = np.arange(0, shares.size + 1, columns.shape[1])
