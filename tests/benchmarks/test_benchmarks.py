@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 from growth import exponents
 from matplotlib.image import imread
-from run import PEERS, STUDIES
-from shared import TOP, processes
+from run import PEERS, STUDIES, main
+from shared import TOP
 
 import dolfinx_ffr as ffr
 
-pytestmark = pytest.mark.slow
+# what libraries warn of while pages are written is not judged here
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
 #: Without the study that needs other packages, whether they are there or not
 PAGES = [study for study in STUDIES if study != PEERS]
@@ -53,9 +54,7 @@ Rows = Callable[..., list[dict[str, str]]]
 
 def run(folder: Path, *options: str) -> None:
     """Run the studies with small meshes."""
-    program = str(TOP / "benchmarks" / "run.py")
-    command = processes.command(program, "--quick", "--output", str(folder), *options)
-    subprocess.run(command, env=processes.environment(), cwd=folder, check=True)
+    main(["--quick", "--output", str(folder), *options])
 
 
 @pytest.fixture(scope="module")
