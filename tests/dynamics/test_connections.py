@@ -302,8 +302,12 @@ def test_work_is_the_growth_of_energy(name: str) -> None:
         np.testing.assert_allclose(growth - growth[0], work, atol=share * scale)
 
 
-#: In the plane the scenes of test_adjoint.py, which have every joint and force, are for Radau IIA
-BY_RADAU = [(ffr.RadauIIA(0.2, steps=8), *run) for run in RUNS if run[1] == 3]
+#: The others are in the scenes of test_adjoint.py, which are for Radau IIA, too
+BY_RADAU = [
+    (ffr.RadauIIA(0.2, steps=8), name, 3, rows[1], make)
+    for name, where, rows, make in CASES
+    if where == {3}
+]
 BY_ALPHA = [(ffr.GeneralizedAlpha(0.2, 24), *run) for run in RUNS]
 
 
