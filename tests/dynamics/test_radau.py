@@ -104,6 +104,15 @@ def test_steps_that_were_taken_can_be_taken_again() -> None:
     assert again.error == pytest.approx(adaptive.error, rel=1e-2)
 
 
+@pytest.mark.parametrize("count", [20, 40])
+def test_estimated_error_is_that_of_the_deformations(count: int) -> None:
+    """Within a factor of ten: it holds nothing of what joints correct in positions."""
+    coarse, fine = (run(slider_crank(), steps=steps) for steps in (count, 4 * count))
+    exact = fine.elastic("rod")[::12]
+    error = np.max(np.abs(coarse.elastic("rod")[::3] - exact)) / np.max(np.abs(exact))
+    assert 0.1 < coarse.error / error < 10.0
+
+
 def test_forces_that_no_steps_follow_are_left_out_and_that_is_said() -> None:
     """Where links come into line forces grow without bound, and longer steps pass."""
     with pytest.warns(ffr.TimeStepWarning, match="not in the forces in joints.*links come into"):
