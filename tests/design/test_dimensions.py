@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.optimization.sizing import sized
@@ -19,7 +20,6 @@ from dolfinx_ffr.optimization.sizing import sized
 pytestmark = pytest.mark.filterwarnings("ignore::dolfinx_ffr.TimeStepWarning")
 
 LENGTH = 0.3
-STEEL = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=0.01)
 BOUNDS = {
     "start": (0.02, 0.05),
     "middle": (0.012, 0.05),

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from shared.motions import pendulum
+from shared.rods import STEEL
 from shared.scenes import SCENES, Scene, slider_crank
 
 import dolfinx_ffr as ffr
@@ -130,8 +131,7 @@ def test_accuracy_of_objectives(name: str, radau: bool) -> None:
 def test_accuracy_of_a_design(comm: MPI.Intracomm) -> None:
     """Of the number that a problem with a mesh minimises, on any number of ranks."""
     domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(16, 2))
-    steel = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
-    rod = ffr.FlexibleBody(domain, steel, frame=ffr.ChordFrame("left", "right"), modes=2)
+    rod = ffr.FlexibleBody(domain, STEEL, frame=ffr.ChordFrame("left", "right"), modes=2)
     mechanism = slider_crank().mechanism
     problem = ffr.Problem({"rod": rod}, mechanism, GeneralizedAlpha(0.2, 20), IntegralCompliance())
     x = np.ones(domain.n_cells)

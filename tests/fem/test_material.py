@@ -15,7 +15,7 @@ from dolfinx import fem
 from shared import TOP, names_of_program
 from shared.derivatives import check_gradient
 from shared.problems import slider_crank
-from shared.rods import rod, solid
+from shared.rods import STEEL, rod, solid
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.fem import Elasticity, cut_exponent
@@ -142,12 +142,11 @@ def test_void_has_no_low_frequencies(comm: MPI.Intracomm) -> None:
     domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(80, 16))
     x = np.where(np.abs(domain.centroids[:, 1]) < 0.01, 1e-4, 1.0)
     x[~domain.design_cells] = 1.0
-    steel = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
     lowest = {}
     for mass in (ffr.LinearMass(), ffr.SuppressedVoidMass()):
         law = ffr.SIMP(floor=1e-12, mass=mass)
         frame = ffr.ChordFrame("left", "right")
-        body = ffr.FlexibleBody(domain, steel, frame=frame, modes=2, interpolation=law)
+        body = ffr.FlexibleBody(domain, STEEL, frame=frame, modes=2, interpolation=law)
         lowest[type(mass)] = body.reduce(x).basis.frequencies[0]
     # two separate flanges of 10 mm bend like beams clamped at both ends
     flange = 4.730040745**2 * np.sqrt(210e9 / 7850 / 12) * 0.01 / 0.38**2 / (2 * np.pi)

@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 from shared.meshes import write_rod
 from shared.problems import Copy
+from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import design, paper, plotting, postprocessing
@@ -66,7 +67,6 @@ WEIGHTS = (*MAPPING[:1], *MAPPING[2:], {}, {"a": 0.0}, {"a": -1.0}, {"a": "1"}, 
 
 PIN, END = ("rod", "left"), ("rod", "right")
 CRANK = ffr.Moving.circle((0.0, 0.0), 0.1, ffr.Motion.smooth_step(1.0, 0.1))
-STEEL = ffr.PlaneStress(2.1e11, 0.3, 7850.0, 0.01)
 MARKERS = {"left": (0.0, 0.0), "right": (0.4, 0.0)}
 
 #: The same by the name of an argument.

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from dolfinx import mesh
 from shared.body_compliance import check_body_gradient, round_off
+from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 
-STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
 BETA = 1.87510406871196  # clamped-free beam
 
 

@@ -15,11 +15,10 @@ from shared.body_compliance import body_compliance
 from shared.derivatives import check_gradient, difference
 from shared.meshes import prongs
 from shared.problems import slider_crank
+from shared.rods import STEEL
 from slider_crank import reference_problem
 
 import dolfinx_ffr as ffr
-
-STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
 
 
 def check(

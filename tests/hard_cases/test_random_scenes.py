@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shared.beams import beam
 from shared.derivatives import along, dot, random_direction
+from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.verification import taylor_test
@@ -131,7 +132,7 @@ def test_chains(scene: Scene, seed: int) -> None:
 def test_densities(seed: int, filled: float, exponent: float) -> None:
     """Any density in [0, 1] with any exponent: finite; of a cluster that is cut it is told."""
     domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(12, 4))
-    steel, frame = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01), ffr.ChordFrame("left", "right")
+    steel, frame = STEEL, ffr.ChordFrame("left", "right")
     law = ffr.SIMP(exponent=exponent)
     body = ffr.FlexibleBody(domain, steel, frame=frame, modes=3, interpolation=law)
     rng = np.random.default_rng(seed)

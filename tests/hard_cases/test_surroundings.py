@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from shared import TOP, processes
 from shared.problems import Copy
+from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
@@ -30,7 +31,7 @@ from dolfinx_ffr.surroundings import working_with_numpy
 BODY = ffr.VolumeIntegrals.rigid(1.0, inertia=1.0)
 ROD = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(8, 2))
 FULL = np.ones(ROD.n_cells)
-PART = ffr.Part(ROD, lambda p: np.ones(len(p)), material=ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01))
+PART = ffr.Part(ROD, lambda p: np.ones(len(p)), material=STEEL)
 
 
 def report(path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from shared import TOP, names_of_program
 from shared.derivatives import check_gradient, waves
 from shared.problems import four_bar
-from shared.rods import HELD, rod, ways
+from shared.rods import HELD, STEEL, rod, ways
 
 import dolfinx_ffr as ffr
 
@@ -113,8 +113,7 @@ def test_elements_one_by_one_see_the_densities(comm: MPI.Intracomm) -> None:
 )
 def test_taylor_order_of_frequencies_with_what_hangs_on_the_body(options: dict[str, Any]) -> None:
     domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.3, 0.02, elements=(12, 2))
-    steel = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
-    body = ffr.FlexibleBody(domain, steel, frame=ffr.TangentFrame("left"), modes=4)
+    body = ffr.FlexibleBody(domain, STEEL, frame=ffr.TangentFrame("left"), modes=4)
     weights = [ffr.PointMass(("rod", "right"), 0.3)]
     mechanism = ffr.Mechanism({"rod": ffr.Placement()}, point_masses=weights)
     method = ffr.GeneralizedAlpha(0.1, 2)  # nothing is simulated

@@ -14,13 +14,13 @@ from shared.body_compliance import compliance
 from shared.derivatives import waves
 from shared.meshes import prongs
 from shared.problems import swing_about_a_point
+from shared.rods import STEEL
 from slider_crank import reference_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.paper.elementwise import elementwise_gradient, integral_derivatives
 
 SOLVERS = ("bordered", "deflated")
-STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
 
 
 def agree(found: np.ndarray, exact: np.ndarray, comm: MPI.Comm) -> None:

@@ -16,12 +16,12 @@ import pytest
 import shapely
 from meshes.connecting_rod import ConnectingRod
 from scipy.spatial import cKDTree
+from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary.curve import FreeCurve
 from dolfinx_ffr.fem import Arc, Line, gmsh_model
 
-STEEL = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=0.01)
 #: Radius of the cutter by which outlines are offset [mm]
 CUTTER = 1.0
 

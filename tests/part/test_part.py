@@ -13,6 +13,7 @@ import pytest
 import shapely
 from meshes.connecting_rod import ConnectingRod
 from shared.meshes import area_of
+from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.fem import Arc, Line, Spline
@@ -24,7 +25,6 @@ Field = Callable[[np.ndarray], np.ndarray]
 #: Side of the elements of the rod, and their area
 H = 0.005
 ELEMENT = H**2
-STEEL = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=0.01)
 
 
 def rod(comm: MPI.Comm, **options: object) -> ffr.Domain:

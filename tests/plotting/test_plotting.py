@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 from shared.problems import four_bar, slider_crank
+from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting import (
@@ -33,7 +34,6 @@ from dolfinx_ffr.plotting.scene import DrawnMesh, Scene
 from dolfinx_ffr.plotting.style import ACCENTS, GRAY, RED, nice_number, prefixed
 
 LENGTH, HEIGHT = 0.4, 0.04
-STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
 MESHES = [(cell, order) for cell in ("quadrilateral", "triangle") for order in (1, 2)]
 
 

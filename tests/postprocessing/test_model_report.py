@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from shared.rods import STEEL
 from slider_crank import reference_problem
 
 import dolfinx_ffr as ffr
@@ -68,8 +69,7 @@ def test_long_interfaces_are_named(comm: MPI.Comm, half: float, named: dict[str,
     grid = ffr.Domain.rectangle(comm, 0.4, 0.02, elements=(20, 1)).mesh
     slot = lambda x: (x[1] > 0.009) & (np.abs(x[0] - 0.2) < half)  # noqa: E731
     domain = ffr.Domain(grid, {"pin": lambda x: x[0] < 1e-6, "slot": slot})
-    steel = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=0.01)
-    bodies = {"rocker": ffr.FlexibleBody(domain, steel, frame=ffr.TangentFrame("pin"), modes=1)}
+    bodies = {"rocker": ffr.FlexibleBody(domain, STEEL, frame=ffr.TangentFrame("pin"), modes=1)}
     pin = ffr.Revolute(("rocker", "pin"), ffr.Ground())
     mechanism = ffr.Mechanism({"rocker": ffr.Placement()}, [pin], gravity=(0.0, -9.81))
     integrator = ffr.GeneralizedAlpha(0.1, 40)

@@ -13,6 +13,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import mesh
+from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.fem import _compat
@@ -27,7 +28,6 @@ pytestmark = [
 
 ELEMENTS = (12, 3)
 SIZE = np.array([0.4, 0.04, 0.03])
-STEEL = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=0.01)
 KINDS = {
     "triangle": mesh.CellType.triangle,
     "quadrilateral": mesh.CellType.quadrilateral,
