@@ -548,12 +548,15 @@ class Problem:
             self._designed.refuse_lengths_of_placements(mechanisms)
         responses = self._responses(evaluation)
         checked_memory(self._designed, self.load_cases, self._memory, adjoint=True)
+
         psi = {name: case.psi for name, case in evaluation.load_cases.items()}
-        slopes = self._slopes(psi)
-        compared = {"the slopes by the load cases": np.array(list(slopes.values()))}
-        check_alike(self.comm, "problem", compared, DIFFERS)
-        weights = {name: slope for name, slope in slopes.items() if slope}
-        separate = set(psi if by_load_case else self.combine.near(psi)) if len(psi) > 1 else set()
+        weights = self._weights(psi)
+        # load cases with a gradient of their own
+        separate = set[str]()
+        if len(psi) > 1:
+            separate = set(psi if by_load_case else self.combine.near(psi))
+
+        # from the trajectories to the volume integrals
         begin = perf_counter()
         jobs = [
             (name, label)
@@ -565,32 +568,17 @@ class Problem:
         indirect = adjoints(self.comm, responses, direct)
         derivatives = {job: d.without_trajectory(indirect[job]) for job, d in direct.items()}
         seconds = {"adjoint": perf_counter() - begin}
+
+        # and from there to the design
         pullback = Pullback(
             self.flexible, evaluation.bodies, evaluation.label, densities=densities, nodes=nodes
         )
-
-        cases = {}
-        for name, case in self.load_cases.items():
-            values = evaluation.load_cases[name]
-            constraints = {}
-            for constraint in case.constraints:
-                bars = derivatives[name, constraint.label].scaled(constraint.slope)
-                constraints[constraint.label] = replace(
-                    values.constraints[constraint.label],
-                    derivatives=replace(bars, stresses={}),  # large, and no longer needed
-                    **vars(pullback(bars)),
-                )
-            of_objective = derivatives.get((name, ""))
-            gradients = Gradients(parameters=values.parameters)
-            if of_objective and name in separate:
-                gradients = pullback(of_objective)
-            cases[name] = replace(
-                values,
-                constraints=constraints,
-                integrals_gradient=dict(of_objective.integrals) if of_objective else None,
-                **vars(gradients),
+        cases = {
+            name: self._differentiated(
+                name, case, derivatives, pullback, own_gradient=name in separate
             )
-
+            for name, case in evaluation.load_cases.items()
+        }
         total = weighted({name: derivatives[name, ""] for name in weights}, weights)
         if weights.keys() <= separate:
             gradients = Gradients.weighted_sum({name: cases[name] for name in weights}, weights)
@@ -607,6 +595,45 @@ class Problem:
             solver_iterations=pullback.iterations,
             seconds=reduce(summed, [evaluation.seconds, seconds, pullback.seconds]),
         )
+
+    def _differentiated(
+        self,
+        name: str,
+        values: LoadCaseEvaluation,
+        derivatives: Mapping[Job, Derivatives],
+        pullback: Pullback,
+        *,
+        own_gradient: bool,
+    ) -> LoadCaseEvaluation:
+        """The ``values`` of a load case with gradients of its constraints, and of its objective.
+
+        The objective has an ``own_gradient`` if the gradient of all load cases does not suffice.
+        """
+        constraints = {}
+        for constraint in self.load_cases[name].constraints:
+            bars = derivatives[name, constraint.label].scaled(constraint.slope)
+            constraints[constraint.label] = replace(
+                values.constraints[constraint.label],
+                derivatives=replace(bars, stresses={}),  # large, and no longer needed
+                **vars(pullback(bars)),
+            )
+        of_objective = derivatives.get((name, ""))
+        gradients = Gradients(parameters=values.parameters)
+        if of_objective and own_gradient:
+            gradients = pullback(of_objective)
+        return replace(
+            values,
+            constraints=constraints,
+            integrals_gradient=dict(of_objective.integrals) if of_objective else None,
+            **vars(gradients),
+        )
+
+    def _weights(self, psi: Mapping[str, float]) -> dict[str, float]:
+        """The derivatives of psi by the objectives of load cases, without those that are zero."""
+        slopes = self._slopes(psi)
+        compared = {"the slopes by the load cases": np.array(list(slopes.values()))}
+        check_alike(self.comm, "problem", compared, DIFFERS)
+        return {name: slope for name, slope in slopes.items() if slope}
 
     def _direct(
         self, responses: Mapping[str, Response], jobs: Collection[Job]
@@ -633,8 +660,7 @@ class Problem:
     ) -> tuple[dict[str, Response], dict[Job, Derivatives], dict[str, float]]:
         """Responses, partial derivatives of load cases with non-zero weight, and these weights."""
         responses = self._responses(evaluation)
-        weights = self._slopes({n: case.psi for n, case in evaluation.load_cases.items()})
-        weights = {name: weight for name, weight in weights.items() if weight}
+        weights = self._weights({n: case.psi for n, case in evaluation.load_cases.items()})
         return responses, self._direct(responses, [(name, "") for name in weights]), weights
 
     def integral_gradients(
