@@ -34,6 +34,8 @@ class EquilibriumOptions:
     #: Squared frequencies below this share of the largest stiffness over mass mean that nothing
     #: resists a motion.
     neutral: float = 1e-13
+    #: Share of the largest singular value below which a row of the joints counts as redundant.
+    redundant: float = 1e-10
     #: Least shift, in parts of the squared rate at which the forces would set the bodies moving.
     least_shift: float = 1e-9
 
@@ -61,7 +63,7 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> tuple[Array
     step, converged = np.zeros(n), False
     for _ in range(OPTIONS.most_iterations):
         residual, C, M, K = _evaluate(kinematics, y, lam)
-        frequencies, shapes = _frequencies(C, M, K)
+        frequencies, shapes = free_vibrations(C, M, K)
         neutral = _neutral(M, K)
         force = residual[:n] - C.T @ lam
         pull = float(np.max(np.abs(size * force / np.diag(M))[model.rigid])) / length
@@ -83,7 +85,7 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> tuple[Array
             converged = shift == 0.0
             break
     residual, C, M, K = _evaluate(kinematics, y, lam)
-    frequencies, shapes = _frequencies(C, M, K)
+    frequencies, shapes = free_vibrations(C, M, K)
     if frequencies.size and abs(frequencies[0]) <= _neutral(M, K):
         name = _moving_body(model, M, shapes[:, 0])
         raise ValueError(
@@ -161,13 +163,13 @@ def _solve(K: Array, C: Array, M: Array, rhs: Array) -> Array:
     return scale * solution
 
 
-def _frequencies(C: Array, M: Array, K: Array) -> tuple[Array, Array]:
+def free_vibrations(C: Array, M: Array, K: Array) -> tuple[Array, Array]:
     """Squared frequencies of the motions that the joints leave, and these motions."""
     scale, scale_of_row = _units(C, M)
     free = np.diag(scale)
     if C.shape[0]:
         rows = scale_of_row[:, None] * C * scale
-        free = scale[:, None] * scipy.linalg.null_space(rows, rcond=1e-10)
+        free = scale[:, None] * scipy.linalg.null_space(rows, rcond=OPTIONS.redundant)
     if free.shape[1] == 0:
         return np.zeros(0), free
     stiffness, mass = free.T @ K @ free, free.T @ M @ free

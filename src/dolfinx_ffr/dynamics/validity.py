@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
+from ..arrays import Array, Integers
 from ..mechanism import Gear, PlacementWarning
 from .initial import placement_corrections, reversed_joint, widest_gap
 from .kinematics import Kinematics, elastic_mass, length_of, mass_norm, norm_floors, tilts
@@ -62,6 +64,9 @@ class Limits:
 
 
 LIMITS = Limits()
+
+#: Steps whose stiffness is looked at together.
+_CHUNK = 2000
 
 
 class SofteningWarning(UserWarning):
@@ -388,27 +393,60 @@ def _softening(trajectory: Trajectory) -> dict[str, str]:
         if not arrays.modes[b]:
             continue
         turning = trajectory.v[:, model.coordinates(name).rotation]
-        soft, lowest = arrays.softened(b, trajectory.y, trajectory.v, trajectory.w)
+        soft, lowest = _softened(trajectory, b)
         k = _first_unstable(trajectory, b, soft)
         if k < 0:
             continue
         time, speed = f"at t = {trajectory.t[k]:.4g} s", float(np.linalg.norm(turning[k]))
-        if lowest is not None:
+        if arrays.stiffened[b]:
             text = (
-                f"turns with {speed:.4g} rad/s {time}, faster than its lowest frequency of "
-                f"{math.sqrt(lowest):.4g} rad/s: without geometric stiffening"
+                f"loses its stiffness {time}, where it turns with {speed:.4g} rad/s, in spite of "
+                "geometric stiffening: while that lasts,"
             )
         else:
-            text = f"loses its stiffness {time}, where it turns with {speed:.4g} rad/s" + (
-                ", in spite of geometric stiffening: while that lasts,"
-                if arrays.stiffened[b]
-                else ": without geometric stiffening"
+            text = (
+                f"turns with {speed:.4g} rad/s {time}, faster than its lowest frequency of "
+                f"{math.sqrt(max(lowest, 0.0)):.4g} rad/s: without geometric stiffening"
             )
         texts[name] = f"body {name!r} {text} its deformation grows without bound"
     return texts
 
 
-def _first_unstable(trajectory: Trajectory, b: int, steps: Iterable[int]) -> int:
+def _softened(trajectory: Trajectory, b: int) -> tuple[Integers, float]:
+    """Time steps at which elastic plus inertial stiffness of a body is indefinite.
+
+    Also the square of its lowest frequency: without geometric stiffness no slower turns soften it.
+    """
+    arrays, y, v, w = trajectory.model.arrays, trajectory.y, trajectory.v, trajectory.w
+    columns, n = arrays.coordinates(b), int(arrays.modes[b])
+    # In the basis of the modes at rest, so that no unit hides a slip.
+    squares, modes = scipy.linalg.eigh(arrays.K[b, :n, :n], elastic_mass(arrays, b))
+    turning, lowest = v[:, columns.rotation], float(squares[0])
+    W = arrays.cross_matrices(turning)
+    loads: Array = (W @ W).reshape(len(y), -1)
+    parts = arrays.moments(b)[1:, 1:].transpose(2, 3, 0, 1).reshape(-1, n, n)
+    suspects = np.arange(len(y))
+    if arrays.stiffened[b]:
+        full = arrays.loads_of_rotation(turning, w[:, columns.rotation])
+        fall = w[:, columns.position] - arrays.gravity[: len(y)]
+        f = np.einsum("tki,tk->ti", arrays.rotations(y[:, columns.rotation]), fall)
+        loads = np.hstack([loads, full, f])
+        parts = np.concatenate([parts, arrays.stiffening[b, :, :n, :n]])
+    else:
+        suspects = np.flatnonzero(np.sum(turning.reshape(len(y), -1) ** 2, axis=1) > lowest)
+    parts = modes.T @ parts @ modes
+    parts, least = 0.5 * (parts + parts.transpose(0, 2, 1)), min(0.0, -1e-12 * squares[-1])
+    soft = [
+        chunk[
+            np.linalg.eigvalsh(np.diag(squares) + np.tensordot(loads[chunk], parts, 1))[:, 0]
+            < least
+        ]
+        for chunk in np.split(suspects, range(_CHUNK, len(suspects), _CHUNK))
+    ]
+    return np.concatenate(soft), lowest
+
+
+def _first_unstable(trajectory: Trajectory, b: int, steps: Integers) -> int:
     """First of these steps at which forces at markers do not stabilise the body; or -1."""
     arrays = trajectory.model.arrays
     elastic = arrays.coordinates(b).elastic

@@ -29,6 +29,7 @@ from scipy.interpolate import CubicSpline
 
 from ..arrays import Array
 from .equations import CONSTRAINTS, FORCES, TANGENT
+from .equilibrium import free_vibrations
 from .integration.start import accelerations_at_jump, start_accelerations
 from .kinematics import Kinematics, elastic_mass, mass_norm, norm_floors
 from .model import FlatModel, without
@@ -40,8 +41,6 @@ from .trajectory import Trajectory
 class VibrationOptions:
     """Which vibrations are looked at."""
 
-    #: Share of the largest singular value below which a row of the joints counts as redundant.
-    redundant: float = 1e-10
     #: Share of the largest squared frequency below which one is round-off.
     rigid: float = 1e-12
     #: Phase of the fastest vibration after which accelerations are evaluated again [rad].
@@ -222,16 +221,9 @@ class _Modes:
         loose.set(y, v, w, multipliers)
         loose.evaluate(0, extent, 0.0)
         stiffness -= _symmetric(loose.equations.Ky)
-        free = np.eye(y.size)
-        if len(eq.C):
-            unit = 1.0 / np.sqrt(np.diag(mass))
-            free = scipy.linalg.null_space(eq.C * unit, rcond=OPTIONS.redundant)
-            free = unit[:, None] * free
-        if not free.shape[1]:
-            return _Modes(np.zeros(0), np.zeros((y.size, 0)), np.zeros(0), stiffness)
-        squares, vectors = scipy.linalg.eigh(free.T @ stiffness @ free, free.T @ mass @ free)
-        elastic = squares > OPTIONS.rigid * max(float(squares[-1]), 0.0)
-        shapes = (free @ vectors)[:, elastic]
+        squares, shapes = free_vibrations(eq.C, mass, stiffness)
+        elastic = squares > OPTIONS.rigid * np.max(squares, initial=0.0)
+        shapes = shapes[:, elastic]
         damping = np.sum(shapes * ((mass_and_damping - mass) @ shapes), axis=0)
         decay = 0.5 * np.maximum(damping, 0.0)
         return _Modes(np.sqrt(squares[elastic]), shapes, decay, stiffness)

@@ -30,7 +30,7 @@ TABLES = ("drive", "prescribed", "load_table", "law", "normal", "ratio")
 class _Fields(NamedTuple):
     """A mechanism as flat arrays, padded to the largest number of modes.
 
-    In the plane P and pairs are empty, in space G and N.
+    In the plane P is not used, in space N.
     """
 
     first: IntVector  # (bodies,) index of the first coordinate of each body
@@ -42,9 +42,6 @@ class _Fields(NamedTuple):
     N: Array3  # (bodies, fields + 1, fields + 1)
     #: (bodies, fields + 1, 9 (fields + 1)) kl of P_ba in [a, (3 k + l) (fields + 1) + b]
     P: Array3
-    #: (bodies, 10, fields * fields) elastic part of P: the three components of its axial vector;
-    #: 11, 22, 33, 12 + 21, 13 + 31, 23 + 32; its trace
-    pairs: Array3
     K: Array3  # (bodies, fields, fields), zero for the carried ones
     alpha: Vector  # (bodies,) mass-proportional damping [1/s]
     beta: Vector  # (bodies,) stiffness-proportional damping [s]
@@ -111,13 +108,14 @@ class Arrays(_Fields):
     #: Turns derivatives with respect to dA = A [dth], of (model, work, row), into those to
     #: coordinates.
     into_coordinates: ClassVar[Kernel]
-    #: Equations of one body and their transpose, and its blocks if it has geometric stiffness.
+    #: Equations of one body without geometric stiffness. Forces of one whose fields all have
+    #: coordinates, work.force, with their derivatives by w, v and y, work.RW, work.RV and work.RY;
+    #: the latter two alone.
     body_equations: ClassVar[Kernel]
-    body_pullback: ClassVar[Kernel]
-    stiffened_blocks: ClassVar[Kernel]
-    #: Adds to the sizes of rigid motion, and gives the turn of a body; an entry of elastic mass.
+    body_blocks: ClassVar[Kernel]
+    body_slopes: ClassVar[Kernel]
+    #: Adds to the sizes of rigid motion, and gives the turn of a body.
     measure_body: ClassVar[Kernel]
-    mass_of_modes: ClassVar[Kernel]
 
     @property
     def turning(self) -> list[int]:
@@ -147,6 +145,7 @@ class Work(NamedTuple):
     u: Vector  # (components,)
     third: Vector  # (components,)
     dz: Vector  # (components,)
+    places: Vector  # (components,) vectors of a row
     line: Vector  # (n,) gradient of a spring, and what is left of it
     drift: Vector  # (n,)
     gather: Vector  # (n,) derivatives with respect to y that are to be put into coordinates
@@ -174,7 +173,7 @@ class Work(NamedTuple):
     RW: Matrix  # (fields + rigid, fields + rigid) derivative of the forces of a body by w
     RV: Matrix  # (fields + rigid, fields + rigid) v
     RY: Matrix  # (fields + rigid, fields + rigid) y
-    pairs: Matrix  # (2, fields * fields) their elastic parts in space, see bodies_space.py
+    pairs: Array3  # (2, fields, fields) their elastic parts in space, see bodies_space.py
     bars: Array3  # (vectors, 4, d) derivatives with respect to vectors, see above
     #: (vectors, d + d modes, modes + 1) derivatives with respect to the shape functions of the
     #: vectors, then to their geometric stiffness
@@ -206,7 +205,7 @@ def work_arrays(model: Arrays) -> Work:
         **{name: zeros(vectors, d, modes) for name in ("B", "bend")},
         L=zeros(vectors, d, rigid + modes),
         g=zeros(rows, components),
-        **{name: zeros(components) for name in ("hz", "u", "third", "dz")},
+        **{name: zeros(components) for name in ("hz", "u", "third", "dz", "places")},
         **{name: zeros(n) for name in ("line", "drift", "gather")},
         **{name: zeros(model.law.shape[0]) for name in ("stretch", "tension")},
         angles=zeros(rows, 2),
@@ -227,7 +226,7 @@ def work_arrays(model: Arrays) -> Work:
         vectors=zeros(24, 3),
         Q=zeros(9, 18),
         **{name: zeros(rigid + fields, rigid + fields) for name in ("RW", "RV", "RY")},
-        pairs=zeros(2, fields * fields),
+        pairs=zeros(2, fields, fields),
         bars=zeros(vectors, 4, d),
         vector_bars=zeros(vectors, d + d * modes, modes + 1),
         **{f"{name}_bars": zeros(*getattr(model, name).shape) for name in TABLES},

@@ -43,7 +43,7 @@ from .arrays import (
     Arrays,
     Work,
 )
-from .carried import blocks_pullback, carry, contract
+from .carried import carry
 
 #: Place of the rotation among the coordinates of a body, and number of its rigid coordinates.
 ROTATION, RIGID = 2, 3
@@ -93,12 +93,6 @@ def measure_body(model: Arrays, eq: Equations, b: int) -> float:
         sizes[0] += mass * (y[o + p] - reference[o + p]) ** 2
         sizes[1] += mass * v[o + p] ** 2
     return abs(y[o + ROTATION] - reference[o + ROTATION])
-
-
-@kernel
-def mass_of_modes(model: Arrays, b: int, i: int, j: int) -> float:
-    """Entry of the mass matrix of elastic coordinates."""
-    return model.G[b, i + 1, j + 1]
 
 
 @kernel
@@ -222,18 +216,16 @@ def body_equations(
 
 
 @kernel
-def stiffened_blocks(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
-    """Forces, work.force, of a body with geometric stiffness; their derivatives by w, v and y."""
+def body_blocks(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
+    """Forces of a body whose fields all have coordinates, and their derivatives by w, v and y."""
     r, RW, RV, RY = work.force, work.RW, work.RV, work.RY
     body_products(model, eq, work, b)
     body_forces(model, eq, work, instant, b, 0.0, 1.0, 0, r, RV, RY)
     body_forces(model, eq, work, instant, b, 1.0, 0.0, 0, r, RW, RY)
-    contract(model.carried[b], work.slopes, RIGID, model.modes[b], r, RW, RV, RY)
 
 
 @kernel
-def body_pullback(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
-    """Subtract r_y^T adj from work.gather and r_v^T adj from eq.v_bar for one body."""
+def body_slopes(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
+    """Derivatives of the same forces by v and y."""
     body_products(model, eq, work, b)
     body_forces(model, eq, work, instant, b, 0.0, 1.0, 0, work.force, work.RV, work.RY)
-    blocks_pullback(model, eq, work, b)

@@ -43,7 +43,7 @@ from .algebra import (
     turned_back,
 )
 from .arrays import Arrays, Work
-from .carried import blocks_pullback, carry, contract
+from .carried import blocks_equations, carry
 from .group import exponential, rotation_between, tangent
 
 #: Place of the rotation among the coordinates of a body, and number of its rigid coordinates.
@@ -107,12 +107,6 @@ def measure_body(model: Arrays, eq: Equations, b: int) -> float:
 
 
 @kernel
-def mass_of_modes(model: Arrays, b: int, i: int, j: int) -> float:
-    """Entry of the mass matrix of elastic coordinates."""
-    return model.pairs[b, 9, i * model.K.shape[1] + j]
-
-
-@kernel
 def body_products(model: Arrays, eq: Equations, work: Work, b: int) -> None:
     """Put qh, vh, ah of one body into work.qh, P_a(q), P_a(v), P_a(a) of all a into work.PX."""
     o, modes, n = model.first[b] + RIGID, model.modes[b], model.fields[b] + 1
@@ -155,17 +149,15 @@ def moment(S: Matrix, x: Vector, n: int, out: Vector) -> None:
 
 
 @kernel
-def body_blocks(
-    model: Arrays, eq: Equations, work: Work, instant: int, b: int, r: Vector, to: int
-) -> None:
-    """Forces of one body whose fields all have coordinates, in r from place `to` on.
+def forces_and_frame(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
+    """Forces, work.force, of one body whose fields all have coordinates.
 
     Their derivatives by w, v and y go to work.RW, work.RV and work.RY. Those of elastic forces by
     elastic coordinates are in work.pairs, see elastic_pairs.
     """
     body_products(model, eq, work, b)
     o, n, S = model.first[b], model.fields[b], model.S[b]
-    RW, RV, RY, A = work.RW, work.RV, work.RY, work.A[b]
+    RW, RV, RY, A, r = work.RW, work.RV, work.RY, work.A[b], work.force
     PX, qh, mass, small, x = work.PX, work.qh, model.mass[b], work.small, work.vectors
     omega, eps = eq.v[o + ROTATION : o + RIGID], eq.w[o + ROTATION : o + RIGID]
     g, f, sq, sv, sa, h, t, u = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]
@@ -197,7 +189,7 @@ def body_blocks(
         h[k] += mass * f[k] + 2.0 * t[k] + sa[k]
     turned(model, A, h, t)
     for k in range(3):
-        r[to + k] = t[k]
+        r[k] = t[k]
         RW[k, k] = mass
     # R, th by w: -A [Sq]; by v: -A ([omega x Sq] + W [Sq] + 2 [Sv]); by y: A (m [f] - [h])
     cross_matrix(sq, M1)
@@ -228,7 +220,7 @@ def body_blocks(
             M2[k, i] += 2.0 * M3[k, i] + M4[k, i]
     axial(M2, u)
     for k in range(3):
-        r[to + 3 + k] = t[k] + u[k]
+        r[3 + k] = t[k] + u[k]
         for i in range(3):
             RW[3 + k, i] = RW[i, 3 + k]  # [Sq] A^T = (-A [Sq])^T
             RW[3 + k, 3 + i] = J[k, i]
@@ -244,8 +236,8 @@ def body_blocks(
     theta(Zv, M2)
     put(RV, 3, 3, M2, 2.0)
     if n:
-        elastic_blocks(model, eq, work, b, f, r, to)
-        elastic_pairs(model, eq, work, b)
+        elastic_blocks(model, eq, work, b, f)
+        elastic_pairs(model, work, b, W, B)
 
 
 @kernel
@@ -257,10 +249,8 @@ def put(to: Matrix, row: int, column: int, block: Matrix, factor: float) -> None
 
 
 @kernel
-def elastic_blocks(
-    model: Arrays, eq: Equations, work: Work, b: int, f: Vector, r: Vector, to: int
-) -> None:
-    """Forces on elastic coordinates, and rows and columns of body_blocks that belong to them.
+def elastic_blocks(model: Arrays, eq: Equations, work: Work, b: int, f: Vector) -> None:
+    """Forces on elastic coordinates, and rows and columns of forces_and_frame that belong to them.
 
     With axial([omega] Z) = tr(Z) omega - Z omega, of which axial([omega]^2 X) = -omega x (X omega)
     for a symmetric X is a consequence.
@@ -268,7 +258,7 @@ def elastic_blocks(
     o, n, S, A, size = model.first[b], model.fields[b], model.S[b], work.A[b], model.S.shape[1]
     # Entry kl of P_j(q) is Q[(3 k + l) size + j].
     Q, V, Z = work.PX[0, 1:], work.PX[1, 1:], work.PX[2, 1:]
-    RW, RV, RY, da = work.RW, work.RV, work.RY, model.alpha[b]
+    RW, RV, RY, r, da = work.RW, work.RV, work.RY, work.force, model.alpha[b]
     w, e, u, a = eq.v[o + 3 : o + 6], eq.w[o + 3 : o + 6], work.vectors[9], work.vectors[10]
     s, trace, trace_v, square = work.swung, work.traces[0], work.traces[1], dot(w, w)
     for j in range(n):
@@ -279,8 +269,8 @@ def elastic_blocks(
         add_cross(w, u, 1.0, a)
         trace[j] = Q[j] + Q[4 * size + j] + Q[8 * size + j]
         trace_v[j] = V[j] + V[4 * size + j] + V[8 * size + j]
-        r[to + p] = dot(shape, f) + (Z[j] + Z[4 * size + j] + Z[8 * size + j]) + da * trace_v[j]
-        r[to + p] -= square * trace[j]
+        r[p] = dot(shape, f) + (Z[j] + Z[4 * size + j] + Z[8 * size + j]) + da * trace_v[j]
+        r[p] -= square * trace[j]
         for k in range(3):
             RW[k, p] = RW[p, k] = dot(A[k], shape)
             RV[k, p], RY[k, p], s[k, j] = 2.0 * dot(A[k], u), dot(A[k], a), 0.0
@@ -307,62 +297,44 @@ def elastic_blocks(
             RY[3 + k, p] += Z[ix + j] - Z[xi + j]
             RV[p, 3 + k] = s[k, j] - 2.0 * trace[j] * w[k] + 2.0 * spin
             RY[p, 3 + k] = lever
-            r[to + p] += e[k] * h + w[k] * (0.5 * s[k, j] + 2.0 * spin)
+            r[p] += e[k] * h + w[k] * (0.5 * s[k, j] + 2.0 * spin)
     K, db, qh = model.K[b], model.beta[b], work.qh
-    force = r[to + RIGID : to + RIGID + n]
+    force = r[RIGID : RIGID + n]
     for k in range(n):
         shift, row = qh[0, k + 1] + db * qh[1, k + 1], K[k]
         add_multiple(row[:n], shift, force)
 
 
 @kernel
-def elastic_pairs(model: Arrays, eq: Equations, work: Work, b: int) -> None:
-    """Rows W : P_jk of work.pairs[0] and B : P_jk of work.pairs[1].
-
-    W : P_jk is omega . axial(P_jk), and B : P_jk = alpha . axial(P_jk) + omega . P_jk omega
-    - omega^2 tr(P_jk).
-    """
-    p, E = model.first[b] + ROTATION, model.pairs[b]
-    wx, wy, wz = eq.v[p], eq.v[p + 1], eq.v[p + 2]
-    ex, ey, ez = eq.w[p], eq.w[p + 1], eq.w[p + 2]
-    xx, yy, zz = -wy * wy - wz * wz, -wx * wx - wz * wz, -wx * wx - wy * wy
-    xy, xz, yz = wx * wy, wx * wz, wy * wz
-    by_v, by_y = work.pairs[0], work.pairs[1]
-    end = np.uintp(model.fields[b] * model.K.shape[1])
-    X, Y, Z = E[0], E[1], E[2]
-    for i in range(end):
-        by_v[i] = wx * X[i] + wy * Y[i] + wz * Z[i]
-    for i in range(end):
-        by_y[i] = ex * X[i] + ey * Y[i] + ez * Z[i]
-    X, Y, Z = E[3], E[4], E[5]
-    for i in range(end):
-        by_y[i] += xx * X[i] + yy * Y[i] + zz * Z[i]
-    X, Y, Z = E[6], E[7], E[8]
-    for i in range(end):
-        by_y[i] += xy * X[i] + xz * Y[i] + yz * Z[i]
+def elastic_pairs(model: Arrays, work: Work, b: int, W: Matrix, B: Matrix) -> None:
+    """W : P_jk in work.pairs[0] and B : P_jk in work.pairs[1]."""
+    n, size = model.fields[b], model.S.shape[1]
+    end = np.uintp(n)
+    for j in range(n):
+        P, by_v, by_y = model.P[b, j + 1], work.pairs[0, j], work.pairs[1, j]
+        for k in range(end):
+            by_v[k] = by_y[k] = 0.0
+        for k in range(3):
+            for i in range(3):
+                at, w, c = (3 * k + i) * size + 1, W[i, k], B[i, k]  # of P_mj, not P_jm
+                row = P[at : at + n]
+                for m in range(end):
+                    by_v[m] += w * row[m]
+                    by_y[m] += c * row[m]
 
 
 @kernel
-def full_blocks(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
+def body_blocks(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
     """Forces of a body whose fields all have coordinates, and their derivatives by w, v and y."""
-    n, size, pairs = model.fields[b], model.K.shape[1], work.pairs
-    da, db, end = model.alpha[b], model.beta[b], np.uintp(model.fields[b])
-    body_blocks(model, eq, work, instant, b, work.force, 0)
+    n, pairs, da, db = model.fields[b], work.pairs, model.alpha[b], model.beta[b]
+    end, to = np.uintp(n), slice(RIGID, RIGID + n)
+    forces_and_frame(model, eq, work, instant, b)
     for j in range(n):
-        row, to = slice(j * size, j * size + n), slice(RIGID, RIGID + n)
         RW, RV, RY = work.RW[RIGID + j, to], work.RV[RIGID + j, to], work.RY[RIGID + j, to]
-        G, K, by_v, by_y = model.pairs[b, 9, row], model.K[b, j], pairs[0, row], pairs[1, row]
+        G, K, by_v, by_y = model.G[b, j + 1, 1:], model.K[b, j], pairs[0, j], pairs[1, j]
         for k in range(end):
             RW[k], RY[k] = G[k], K[k] + by_y[k]
             RV[k] = da * G[k] + db * K[k] + 2.0 * by_v[k]
-
-
-@kernel
-def stiffened_blocks(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
-    """Forces, work.force, of a body with geometric stiffness; their derivatives by w, v and y."""
-    full_blocks(model, eq, work, instant, b)
-    n, blocks = model.modes[b], (work.RW, work.RV, work.RY)
-    contract(model.carried[b], work.slopes, RIGID, n, work.force, *blocks)
 
 
 @kernel
@@ -370,30 +342,5 @@ def body_equations(
     model: Arrays, eq: Equations, work: Work, instant: int, b: int, cv: float
 ) -> None:
     """Forces r of one body, its block of r_w + cv r_v (eq.M) and of r_y (eq.Ky)."""
-    o, n, size = model.first[b], model.modes[b], model.K.shape[1]
-    RW, RV, RY, M, Ky = work.RW, work.RV, work.RY, eq.M, eq.Ky
-    body_blocks(model, eq, work, instant, b, eq.r, o)
-    for i in range(RIGID + n):
-        for j in range(RIGID + n if i < RIGID else RIGID):
-            M[o + i, o + j] = RW[i, j] + cv * RV[i, j]
-            Ky[o + i, o + j] = RY[i, j]
-    if not n:
-        return
-    mass, stiff = 1.0 + cv * model.alpha[b], cv * model.beta[b]
-    at, end = o + RIGID, np.uintp(n)
-    for j in range(n):
-        left, right = M[at + j, at : at + n], Ky[at + j, at : at + n]
-        G, K = model.pairs[b, 9, j * size : j * size + n], model.K[b, j]
-        by_v = work.pairs[0, j * size : j * size + n]
-        by_y = work.pairs[1, j * size : j * size + n]
-        for k in range(end):
-            left[k] = mass * G[k] + stiff * K[k] + 2.0 * cv * by_v[k]
-        for k in range(end):
-            right[k] = by_y[k] + K[k]
-
-
-@kernel
-def body_pullback(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
-    """Subtract r_y^T adj from work.gather and r_v^T adj from eq.v_bar for one body."""
-    full_blocks(model, eq, work, instant, b)
-    blocks_pullback(model, eq, work, b)
+    body_blocks(model, eq, work, instant, b)
+    blocks_equations(model, eq, work, b, cv)

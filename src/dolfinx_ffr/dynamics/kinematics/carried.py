@@ -76,21 +76,12 @@ def carry(
 
 
 @kernel
-def contract(
-    C: Array3,
-    slopes: Array3,
-    first: int,
-    n: int,
-    r: Vector,
-    RW: Matrix,
-    RV: Matrix,
-    RY: Matrix,
-) -> None:
-    """Let the last coordinates follow n elastic ones that begin at first, in forces and blocks.
-
-    RW, RV, RY are the derivatives of r with respect to accelerations, velocities and coordinates.
-    """
-    m, end = C.shape[0], first + n
+def carried_blocks(model: Arrays, eq: Equations, work: Work, instant: int, b: int) -> None:
+    """Forces and blocks of a body whose carried coordinates, the last ones, follow the others."""
+    model.body_blocks(model, eq, work, instant, b)
+    C, slopes, r, RW, RV, RY = model.carried[b], work.slopes, work.force, work.RW, work.RV, work.RY
+    first, n, m = model.rigid, model.modes[b], model.carries
+    end = first + n
     for p in range(end + m):
         for i in range(m):
             by_w, by_v, by_y = RW[p, end + i], RV[p, end + i], RY[p, end + i]
@@ -113,8 +104,8 @@ def contract(
 
 
 @kernel
-def stiffened_equations(model: Arrays, eq: Equations, work: Work, b: int, cv: float) -> None:
-    """What body_equations does, for a body with geometric stiffness whose blocks are there."""
+def blocks_equations(model: Arrays, eq: Equations, work: Work, b: int, cv: float) -> None:
+    """Put forces and blocks of one body, work.RW and so on, into eq.r, eq.M and eq.Ky."""
     o, n = model.first[b], model.rigid + model.modes[b]
     for i in range(n):
         eq.r[o + i] = work.force[i]

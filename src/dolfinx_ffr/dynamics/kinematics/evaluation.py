@@ -12,7 +12,7 @@ from ..compilation import Compiled, Vector, compiled, kernel
 from ..equations import Equations
 from .algebra import add_multiple
 from .arrays import Arrays, Work
-from .carried import blocks_pullback, stiffened_equations
+from .carried import blocks_equations, blocks_pullback, carried_blocks
 from .forces import add_forces, forces_pullback
 from .group import compose, inverse_tangent, tangent
 from .plane import PlaneArrays
@@ -32,8 +32,8 @@ def evaluate(eq: Equations, model: Arrays, work: Work, instant: int, cv: float, 
                 eq.M[i, j] = eq.Ky[i, j] = 0.0
         for b in range(model.first.size):
             if model.stiffened[b]:
-                model.stiffened_blocks(model, eq, work, instant, b)
-                stiffened_equations(model, eq, work, b, cv)
+                carried_blocks(model, eq, work, instant, b)
+                blocks_equations(model, eq, work, b, cv)
             else:
                 model.body_equations(model, eq, work, instant, b, cv)
         add_forces(model, eq, work, instant, cv, extent & equations.TANGENT != 0)
@@ -61,10 +61,10 @@ def pullback(eq: Equations, model: Arrays, work: Work, instant: int, extent: int
     if extent & equations.BODY_FORCES:
         for b in range(model.first.size):
             if model.stiffened[b]:
-                model.stiffened_blocks(model, eq, work, instant, b)
-                blocks_pullback(model, eq, work, b)
+                carried_blocks(model, eq, work, instant, b)
             else:
-                model.body_pullback(model, eq, work, instant, b)
+                model.body_slopes(model, eq, work, instant, b)
+            blocks_pullback(model, eq, work, b)
     if extent & (equations.OTHER_FORCES | equations.ROWS):
         begin_pullback(model, eq, work, instant)
         if extent & equations.OTHER_FORCES:
@@ -108,7 +108,7 @@ def measure(eq: Equations, model: Arrays, work: Work) -> int:
         for i in range(n):
             p = o + i
             for j in range(n):
-                q, mass = o + j, model.mass_of_modes(model, b, i, j)
+                q, mass = o + j, model.G[b, i + 1, j + 1]
                 rate = v[p] * mass * v[q]
                 sizes[0] += (y[p] - reference[p]) * mass * (y[q] - reference[q])
                 sizes[1] += rate

@@ -113,8 +113,7 @@ def field_bars(model: ModelArrays, body: int, samples: Samples) -> tuple[Array, 
     fall = model.mass[body] * x[:, columns.position] + np.einsum("tkl,tl->tk", A, turned)
     gravity = np.zeros_like(model.gravity)
     np.add.at(gravity, samples.instants, fall)
-    mass = np.einsum("abkk->ab", model.moments(body, carried=True))
-    by_alpha = -float(np.sum((xh @ mass) * vh))
+    by_alpha = -float(np.sum((xh @ model.G[body, :n, :n]) * vh))
     K = model.K[body, : columns.modes, : columns.modes]
     return gravity, by_alpha, -float(np.sum((x_q @ K) * rate))
 

@@ -12,7 +12,8 @@ from .body_arrays import ModelArrays
 
 def elastic_mass(model: ModelArrays, body: int) -> Array:
     """Mass matrix of the elastic coordinates, shape (modes, modes) [kg m^2]."""
-    return np.einsum("abkk->ab", model.moments(body)[1:, 1:])
+    n = int(model.modes[body]) + 1
+    return model.G[body, 1:n, 1:n]
 
 
 def mass_norm(model: ModelArrays, shift: Array) -> Array:

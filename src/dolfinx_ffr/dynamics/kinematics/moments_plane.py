@@ -79,13 +79,6 @@ def carried_bars(model: Arrays, body: int, bar: VolumeIntegrals, carried: Array)
     return replace(bar, mass=mass, S=S, G=0.5 * (G + G.T), N=0.5 * (N - N.T), stiffening=stiffening)
 
 
-def empty_moments(count: int, n: int) -> dict[str, Array]:
-    """Zeros for the moments of a number of bodies with n fields each at most, by their names."""
-    square = (count, n, n)
-    none = np.zeros((count, 0, 0)), np.zeros((count, 10, 0))
-    return {"G": np.zeros(square), "N": np.zeros(square), "P": none[0], "pairs": none[1]}
-
-
 def set_moments(
     out: dict[str, Array], b: int, integrals: VolumeIntegrals, stiffening: Array | None
 ) -> Array:

@@ -89,13 +89,6 @@ def carried_bars(model: Arrays, body: int, bar: VolumeIntegrals, carried: Array)
     )
 
 
-def empty_moments(count: int, n: int) -> dict[str, Array]:
-    """Zeros for the moments of a number of bodies with n fields each at most, by their names."""
-    none = np.zeros((count, 0, 0))
-    P, pairs = np.zeros((count, n, 9 * n)), np.zeros((count, 10, (n - 1) ** 2))
-    return {"G": none, "N": none, "P": P, "pairs": pairs}
-
-
 def set_moments(
     out: dict[str, Array], b: int, integrals: VolumeIntegrals, stiffening: Array | None
 ) -> Array:
@@ -114,17 +107,5 @@ def set_moments(
     n, width = len(S), out["S"].shape[1]
     out["S"][b, :n] = S
     out["P"][b].reshape(width, 9, width)[:n, :, :n] = P.reshape(n, n, 9).transpose(1, 2, 0)
-    out["pairs"][b] = _elastic_pairs(P, width - 1)
+    out["G"][b, :n, :n] = np.einsum("abkk->ab", P)
     return inertia
-
-
-def _elastic_pairs(P: Array, fields: int) -> Array:
-    """Elastic part of the second moments as `ModelArrays.pairs` holds it, (10, fields * fields)."""
-    out, r = np.zeros((10, fields, fields)), len(P) - 1
-    E = P[1:, 1:]
-    axial = (E[:, :, k, i] - E[:, :, i, k] for k, i in ((2, 1), (0, 2), (1, 0)))
-    square = (E[:, :, k, k] for k in range(3))
-    mixed = (E[:, :, k, i] + E[:, :, i, k] for k, i in ((0, 1), (0, 2), (1, 2)))
-    for place, values in zip(out, (*axial, *square, *mixed, np.einsum("abkk->ab", E)), strict=True):
-        place[:r, :r] = values
-    return out.reshape(10, fields * fields)

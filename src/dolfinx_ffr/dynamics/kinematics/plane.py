@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-import scipy.linalg
 
 from ...arrays import Array
 from ...body import QUARTER_TURN, BodyMarker, VolumeIntegrals
@@ -15,7 +14,6 @@ from . import bodies_plane, directions, moments_plane
 from .algebra import nothing
 from .arrays import OF_DIRECTION, OF_SPIN, Arrays, PlaneCoordinates, Work, constraints
 from .lowering_plane import PlaneLowering
-from .softening import soft_steps
 
 
 class PlaneArrays(Arrays):
@@ -36,14 +34,12 @@ class PlaneArrays(Arrays):
     pullback_own = directions.direction_pullback
     into_coordinates = nothing
     body_equations = bodies_plane.body_equations
-    body_pullback = bodies_plane.body_pullback
-    stiffened_blocks = bodies_plane.stiffened_blocks
+    body_blocks = bodies_plane.body_blocks
+    body_slopes = bodies_plane.body_slopes
     measure_body = bodies_plane.measure_body
-    mass_of_modes = bodies_plane.mass_of_modes
 
     looser = ""
     lowering = PlaneLowering
-    empty_moments = staticmethod(moments_plane.empty_moments)
     set_moments = staticmethod(moments_plane.set_moments)
     carried_bars = moments_plane.carried_bars
 
@@ -115,20 +111,9 @@ class PlaneArrays(Arrays):
     def force_of(self, parts: Array, numbers: Iterable[int]) -> Array:
         return np.asarray(np.sum(parts, axis=1))
 
-    def softened(
-        self, body: int, y: Array, v: Array, w: Array
-    ) -> tuple[Iterable[int], float | None]:
-        columns, n = self.coordinates(body), int(self.modes[body])
-        G, K = self.G[body, 1 : n + 1, 1 : n + 1], self.K[body, :n, :n]
-        spin = v[:, columns.rotation] ** 2
-        if not self.stiffened[body]:
-            lowest = float(scipy.linalg.eigh(K, G, eigvals_only=True, subset_by_index=[0, 0])[0])
-            return np.flatnonzero((spin > lowest) & (lowest > 0.0)), lowest
-        fall = w[:, columns.position] - self.gravity[: len(y)]
-        f = np.einsum("tki,tk->ti", self.rotations(y[:, columns.rotation]), fall)
-        loads = np.column_stack([spin, w[:, columns.rotation], f, spin])
-        matrices = np.concatenate([self.stiffening[body, :, :n, :n], -G[None]])
-        return soft_steps(K, G, loads, matrices), None
+    @staticmethod
+    def loads_of_rotation(omega: Array, alpha: Array) -> Array:
+        return np.column_stack([omega**2, alpha])
 
     def largest_turn(self, body: int, y: Array, v: Array, h: Array) -> float:
         return 0.0  # the axis does not move

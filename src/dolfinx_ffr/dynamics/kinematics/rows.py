@@ -5,10 +5,11 @@ A row is a scalar g(s_1, s_2, ...) of vectors; a new kind needs no more than its
 three derivatives (``row_gradient``, ``row_hessian``, ``row_third``). A spring with stiffness k and
 damping d is a row whose multiplier is k (g - c(t)) + d g'.
 
-The angle of ANGLE and GEAR is the imaginary part of log z, z = s_1 . (s_2 + i s_3). In the plane
-there are none: they are rows POINT of spins, see lowering.py. MESH has three logarithms, those of
-two directions of wheels and of the line between their centres; in the plane the angles of the
-wheels are spins, and the logarithm is that of the line.
+ANGLE, GEAR and MESH are sums of Re(f log z), z = x . (one + i two): an angle, the imaginary part of
+log z, of a vector x against two directions has the factor -i. GEAR has two angles. MESH has those
+of its two wheels and the logarithm of the line between their centres, from which both are counted;
+in the plane its wheels are spins, and the line alone has a logarithm. Other angles of the plane are
+rows POINT of spins, see lowering.py.
 """
 
 from __future__ import annotations
@@ -38,133 +39,8 @@ from .vectors import place_vectors, pull, pull_velocity, vector_accelerations
 
 #: A turn [rad].
 TURN = 2.0 * math.pi
-
-
-@kernel
-def log_gradient(
-    model: Arrays,
-    x: Vector,
-    one: Vector,
-    two: Vector,
-    factor: complex,
-    places: tuple[int, int, int],
-    g: Vector,
-) -> complex:
-    """Z = x . (one + i two); the gradient of Re(factor log z) is added to g.
-
-    The places are those of the derivatives by x, one and two in g; constant directions, in the
-    plane, have none, -1.
-    """
-    place, at_one, at_two = places
-    z = complex(inner(model, x, one), inner(model, x, two))
-    k = factor / z
-    for j in range(model.d):
-        g[place + j] += k.real * one[j] - k.imag * two[j]
-        if at_one >= 0:
-            g[at_one + j] += k.real * x[j]
-            g[at_two + j] -= k.imag * x[j]
-    return z
-
-
-@kernel
-def log_hessian(
-    model: Arrays,
-    x: Vector,
-    one: Vector,
-    two: Vector,
-    factor: complex,
-    places: tuple[int, int, int],
-    u: tuple[Vector, Vector, Vector],
-    out: Vector,
-) -> None:
-    """Add the Hessian of Re(factor log z) times changes u of x, one and two, see log_gradient."""
-    place, at_one, at_two = places
-    ux, u1, u2 = u
-    z = complex(inner(model, x, one), inner(model, x, two))
-    zd = complex(
-        inner(model, ux, one) + inner(model, x, u1), inner(model, ux, two) + inner(model, x, u2)
-    )
-    k = factor / z
-    kd = -k * zd / z
-    for j in range(model.d):
-        out[place + j] += (kd * complex(one[j], two[j]) + k * complex(u1[j], u2[j])).real
-        if at_one >= 0:
-            by_z = kd * x[j] + k * ux[j]
-            out[at_one + j] += by_z.real
-            out[at_two + j] -= by_z.imag
-
-
-@kernel
-def log_third(
-    model: Arrays,
-    x: Vector,
-    one: Vector,
-    two: Vector,
-    factor: complex,
-    places: tuple[int, int, int],
-    u: tuple[Vector, Vector, Vector],
-    out: Vector,
-) -> None:
-    """Add the gradient of u . Hessian u at fixed u, Re(factor (z'' / z - z'^2 / z^2))."""
-    place, at_one, at_two = places
-    ux, u1, u2 = u
-    z = complex(inner(model, x, one), inner(model, x, two))
-    zd = complex(
-        inner(model, ux, one) + inner(model, x, u1), inner(model, ux, two) + inner(model, x, u2)
-    )
-    zdd = 2.0 * complex(inner(model, ux, u1), inner(model, ux, u2))
-    inverse = 1.0 / z
-    by_z = factor * (2.0 * zd * zd * inverse - zdd) * inverse * inverse
-    by_zd = -2.0 * factor * zd * inverse * inverse
-    for j in range(model.d):
-        out[place + j] += (by_z * complex(one[j], two[j]) + by_zd * complex(u1[j], u2[j])).real
-        if at_one >= 0:
-            by_directions = by_z * x[j] + by_zd * ux[j]
-            out[at_one + j] += by_directions.real
-            out[at_two + j] -= by_directions.imag
-
-
-@kernel
-def three_vectors(model: Arrays, work: Work, i: int, at: int) -> tuple[Vector, Vector, Vector]:
-    """The vectors of a row from number `at` on."""
-    s, side = work.s, model.side[i]
-    return s[side[at]], s[side[at + 1]], s[side[at + 2]]
-
-
-@kernel
-def three_changes(u: Vector, at: int) -> tuple[Vector, Vector, Vector]:
-    """Changes of the vectors of a row in space from number `at` on."""
-    o = 3 * at
-    return u[o : o + 3], u[o + 3 : o + 6], u[o + 6 : o + 9]
-
-
-@kernel
-def angle_gradient(model: Arrays, work: Work, i: int, at: int, factor: float, g: Vector) -> float:
-    """Angle of three vectors; factor times its gradient is added to g[3 at:]."""
-    vector, direction_x, direction_y = three_vectors(model, work, i, at)
-    places = (3 * at, 3 * at + 3, 3 * at + 6)
-    z = log_gradient(model, vector, direction_x, direction_y, complex(0.0, -factor), places, g)
-    return math.atan2(z.imag, z.real)
-
-
-@kernel
-def angle_hessian(
-    model: Arrays, work: Work, i: int, at: int, factor: float, u: Vector, out: Vector
-) -> None:
-    """Add factor times the Hessian of an angle times u."""
-    vector, direction_x, direction_y = three_vectors(model, work, i, at)
-    places, k = (3 * at, 3 * at + 3, 3 * at + 6), complex(0.0, -factor)
-    log_hessian(model, vector, direction_x, direction_y, k, places, three_changes(u, at), out)
-
-
-@kernel
-def angle_third(
-    model: Arrays, work: Work, i: int, at: int, factor: float, u: Vector, out: Vector
-) -> None:
-    """Add factor times the gradient of u . Hessian u of an angle at fixed u."""
-    vector, direction_x, direction_y = three_vectors(model, work, i, at)
-    places, k = (3 * at, 3 * at + 3, 3 * at + 6), complex(0.0, -factor)
-    log_third(model, vector, direction_x, direction_y, k, places, three_changes(u, at), out)
+#: Number of the logarithm of the line of a row MESH, after those of its angles.
+LINE = 2
 
 
 @kernel
@@ -174,107 +50,148 @@ def has_spins(model: Arrays, i: int) -> bool:
 
 
 @kernel
-def mesh_axes(model: Arrays, work: Work, i: int) -> tuple[Vector, Vector, tuple[int, int, int]]:
-    """Directions against which angles of a row MESH count, and places of the line's derivatives.
+def logs_of(model: Arrays, i: int) -> tuple[int, int]:
+    """First of the logarithms of a row, and the number after the last: angles, then the line."""
+    if model.kind[i] == MESH:
+        return LINE if has_spins(model, i) else 0, LINE + 1
+    return 0, 1 if model.kind[i] == ANGLE else 2
 
-    In the plane they are x and y, and have no places.
+
+@kernel
+def factors_of(model: Arrays, i: int) -> tuple[float, float, float]:
+    """Factors of the two angles of a row, and of the logarithm of the length of its line."""
+    if model.kind[i] == MESH:
+        return model.normal[i, 0], model.normal[i, 1], model.ratio[i]
+    return 1.0, -model.ratio[i], 0.0
+
+
+@kernel
+def log_term(
+    model: Arrays, i: int, which: int, factors: tuple[float, float, float]
+) -> tuple[int, int, int, complex]:
+    """Places of x, of what is taken from it and of the first direction in a row; the factor f.
+
+    Places are -1 where nothing is taken from x, and where the directions are the axes of the plane.
     """
-    d, line = model.d, 2 * model.d
-    if not has_spins(model, i):
-        axis_x, axis_y = work.s[model.side[i, 4]], work.s[model.side[i, 5]]
-        return axis_x, axis_y, (line, 4 * d, 5 * d)
-    axis_x, axis_y = work.vectors[3], work.vectors[4]
-    axis_x[0], axis_x[1], axis_y[0], axis_y[1] = 1.0, 0.0, 0.0, 1.0
-    return axis_x, axis_y, (line, -1, -1)
+    first, second, radial = factors
+    factor = complex(0.0, -first if which == 0 else -second)
+    if model.kind[i] != MESH:
+        return 3 * which, -1, 3 * which + 1, factor
+    one = -1 if has_spins(model, i) else 4
+    if which == LINE:
+        return 2, 3, one, complex(radial, first + second)
+    return which, -1, one, factor
 
 
 @kernel
-def mesh_line(model: Arrays, work: Work, i: int) -> Vector:
-    """Vector from the second to the first centre of a row MESH."""
-    line, a, b = work.vectors[2], work.s[model.side[i, 2]], work.s[model.side[i, 3]]
-    for k in range(model.d):
-        line[k] = a[k] - b[k]
-    return line
+def log_vectors(
+    model: Arrays,
+    work: Work,
+    term: tuple[int, int, int, complex],
+    values: Vector,
+    unit: float,
+    slot: int,
+) -> tuple[Vector, Vector, Vector]:
+    """Vectors x, one and two of a logarithm from values of those of the row, side by side.
 
-
-@kernel
-def mesh_changes(model: Arrays, work: Work, i: int, u: Vector) -> tuple[Vector, Vector, Vector]:
-    """Changes of the line and of the two directions of a row MESH by those of its vectors."""
-    d, line, none = model.d, work.vectors[5], work.vectors[6]
+    Axes of the plane have this unit, zero for changes. Slots are of work.vectors, three each.
+    """
+    (at, origin, one, _), d, x = term, model.d, work.vectors[slot]
     for k in range(d):
-        line[k], none[k] = u[2 * d + k] - u[3 * d + k], 0.0
-    if not has_spins(model, i):
-        return line, u[4 * d : 5 * d], u[5 * d :]
-    return line, none, none
+        x[k] = values[d * at + k] - (values[d * origin + k] if origin >= 0 else 0.0)
+    if one >= 0:
+        return x, values[d * one : d * one + d], values[d * one + d : d * one + 2 * d]
+    axis_x, axis_y = work.vectors[slot + 1], work.vectors[slot + 2]
+    axis_x[0], axis_x[1], axis_y[0], axis_y[1] = unit, 0.0, 0.0, unit
+    return x, axis_x, axis_y
 
 
 @kernel
-def mesh_gradient(
+def add_log(
+    model: Arrays,
+    term: tuple[int, int, int, complex],
+    by_z: complex,
+    by_rate: complex,
+    vectors: tuple[Vector, Vector, Vector],
+    changes: tuple[Vector, Vector, Vector],
+    out: Vector,
+) -> None:
+    """Add the gradient of Re(by_z z + by_rate z'), z' being the change of z by those of vectors."""
+    (at, origin, one, _), (x, a, b), (ux, ua, ub), d = term, vectors, changes, model.d
+    for j in range(d):
+        share = (by_z * complex(a[j], b[j]) + by_rate * complex(ua[j], ub[j])).real
+        out[d * at + j] += share
+        if origin >= 0:
+            out[d * origin + j] -= share
+        if one >= 0:
+            by_directions = by_z * x[j] + by_rate * ux[j]
+            out[d * one + j] += by_directions.real
+            out[d * one + d + j] -= by_directions.imag
+
+
+@kernel
+def logs_gradient(
     model: Arrays, work: Work, i: int, instant: int, factors: tuple[float, float, float], g: Vector
 ) -> float:
-    """Value of a row MESH with other factors than its own; its gradient is added to g."""
-    first, second, radial = factors
-    d, line = model.d, mesh_line(model, work, i)
-    axis_x, axis_y, places = mesh_axes(model, work, i)
-    z = log_gradient(model, line, axis_x, axis_y, complex(radial, first + second), places, g)
-    for k in range(d):
-        g[3 * d + k] -= g[2 * d + k]
-    value, psi = radial * math.log(abs(z)), math.atan2(z.imag, z.real)
-    if has_spins(model, i):
+    """Value of a row of logarithms with any factors; its gradient is added to g."""
+    (first, second, radial), (begin, end) = factors, logs_of(model, i)
+    side, value, psi = model.side[i], 0.0, 0.0
+    gather(model, i, work.s, work.places)
+    for which in range(end - 1, begin - 1, -1):  # the line first
+        term = log_term(model, i, which, factors)
+        at, _, one, factor = term
+        vectors = log_vectors(model, work, term, work.places, 1.0, 2)
+        x, a, b = vectors
+        z = complex(inner(model, x, a), inner(model, x, b))
+        add_log(model, term, factor / z, 0j, vectors, vectors, g)
+        angle = math.atan2(z.imag, z.real)
+        if which == LINE:
+            value, psi = radial * math.log(abs(z)), angle
+        else:
+            directions = (side[at], side[one], side[one + 1])
+            angle = counted(model, work, i, instant, which, directions, angle - psi)
+            value += (first if which == 0 else second) * angle
+    if begin == LINE:
         psi = nearest(psi, work.base_angles[i, 0])
         work.angles[i, 0] = psi
         g[0] += first
-        g[d] += second
-        a, b = work.s[model.side[i, 0], 0], work.s[model.side[i, 1], 0]
-        return value + first * (a - psi) + second * (b - psi)
-    for wheel in range(2):
-        number, factor = model.side[i, wheel], first if wheel == 0 else second
-        places_of_wheel = (d * wheel, 4 * d, 5 * d)
-        z = log_gradient(
-            model, work.s[number], axis_x, axis_y, complex(0.0, -factor), places_of_wheel, g
-        )
-        angle = math.atan2(z.imag, z.real) - psi
-        directions = (number, model.side[i, 4], model.side[i, 5])
-        value += factor * counted(model, work, i, instant, wheel, directions, angle)
+        g[model.d] += second
+        value += first * (work.s[side[0], 0] - psi) + second * (work.s[side[1], 0] - psi)
     return value
 
 
 @kernel
-def mesh_hessian(
-    model: Arrays, work: Work, i: int, factors: tuple[float, float, float], u: Vector, out: Vector
+def add_logs(
+    model: Arrays,
+    work: Work,
+    i: int,
+    factors: tuple[float, float, float],
+    u: Vector,
+    third: bool,
+    out: Vector,
 ) -> None:
-    """Add the Hessian times u of a row MESH with other factors than its own."""
-    first, second, radial = factors
-    d, line = model.d, mesh_line(model, work, i)
-    axis_x, axis_y, places = mesh_axes(model, work, i)
-    changes, k = mesh_changes(model, work, i, u), complex(radial, first + second)
-    log_hessian(model, line, axis_x, axis_y, k, places, changes, out)
-    for j in range(d):
-        out[3 * d + j] -= out[2 * d + j]
-    if not has_spins(model, i):
-        for wheel in range(2):
-            x, k = work.s[model.side[i, wheel]], complex(0.0, -(first if wheel == 0 else second))
-            changes_of_wheel = (u[d * wheel : d * wheel + d], changes[1], changes[2])
-            log_hessian(
-                model, x, axis_x, axis_y, k, (d * wheel, 4 * d, 5 * d), changes_of_wheel, out
-            )
+    """Add the Hessian times u of a row of logarithms, or the gradient of u . Hessian u at fixed u.
 
-
-@kernel
-def mesh_third(model: Arrays, work: Work, i: int, u: Vector, out: Vector) -> None:
-    """Add the gradient of u . Hessian u of a row MESH at fixed u."""
-    d, line = model.d, mesh_line(model, work, i)
-    first, second, radial = model.normal[i, 0], model.normal[i, 1], model.ratio[i]
-    axis_x, axis_y, places = mesh_axes(model, work, i)
-    changes, k = mesh_changes(model, work, i, u), complex(radial, first + second)
-    log_third(model, line, axis_x, axis_y, k, places, changes, out)
-    for j in range(d):
-        out[3 * d + j] -= out[2 * d + j]
-    if not has_spins(model, i):
-        for wheel in range(2):
-            x, k = work.s[model.side[i, wheel]], complex(0.0, -model.normal[i, wheel])
-            changes_of_wheel = (u[d * wheel : d * wheel + d], changes[1], changes[2])
-            log_third(model, x, axis_x, axis_y, k, (d * wheel, 4 * d, 5 * d), changes_of_wheel, out)
+    The latter is that of Re(f (z'' / z - z'^2 / z^2)).
+    """
+    begin, end = logs_of(model, i)
+    gather(model, i, work.s, work.places)
+    for which in range(begin, end):
+        term = log_term(model, i, which, factors)
+        vectors = log_vectors(model, work, term, work.places, 1.0, 2)
+        changes = log_vectors(model, work, term, u, 0.0, 5)
+        (x, a, b), (ux, ua, ub), factor = vectors, changes, term[3]
+        z = complex(inner(model, x, a), inner(model, x, b))
+        rate = complex(
+            inner(model, ux, a) + inner(model, x, ua), inner(model, ux, b) + inner(model, x, ub)
+        )
+        by_rate = factor / z
+        by_z = -by_rate * rate / z
+        if third:
+            second = 2.0 * complex(inner(model, ux, ua), inner(model, ux, ub))
+            by_z = -(2.0 * by_z * rate + by_rate * second) / z
+            by_rate = -2.0 * by_rate * rate / z
+        add_log(model, term, by_z, by_rate, vectors, changes, out)
 
 
 @kernel
@@ -360,18 +277,8 @@ def row_gradient(model: Arrays, work: Work, i: int, instant: int, g: Vector) -> 
     d, kind, ratio = model.d, model.kind[i], model.ratio[i]
     for j in range(d * model.sides):
         g[j] = 0.0
-    if kind == ANGLE or kind == GEAR:
-        side = model.side[i]
-        angle = angle_gradient(model, work, i, 0, 1.0, g)
-        first = counted(model, work, i, instant, 0, (side[0], side[1], side[2]), angle)
-        if kind == ANGLE:
-            return first
-        angle = angle_gradient(model, work, i, 3, -ratio, g)
-        directions = (side[3], side[4], side[5])
-        return first - ratio * counted(model, work, i, instant, 1, directions, angle)
-    if kind == MESH:
-        factors = (model.normal[i, 0], model.normal[i, 1], ratio)
-        return mesh_gradient(model, work, i, instant, factors, g)
+    if kind >= ANGLE:
+        return logs_gradient(model, work, i, instant, factors_of(model, i), g)
     if kind == DISTANCE:
         length = line_of_row(model, work, i, g)
         for k in range(d):
@@ -420,13 +327,8 @@ def row_hessian(model: Arrays, work: Work, i: int, u: Vector, out: Vector) -> No
         for k in range(d):
             out[k] = (p[k] - along * e[k]) / length
             out[d + k] = -out[k]
-    elif kind == MESH:
-        factors = (model.normal[i, 0], model.normal[i, 1], model.ratio[i])
-        mesh_hessian(model, work, i, factors, u, out)
     elif kind != POINT:
-        angle_hessian(model, work, i, 0, 1.0, u, out)
-        if kind == GEAR:
-            angle_hessian(model, work, i, 3, -model.ratio[i], u, out)
+        add_logs(model, work, i, factors_of(model, i), u, False, out)
 
 
 @kernel
@@ -442,12 +344,8 @@ def row_third(model: Arrays, work: Work, i: int, u: Vector, out: Vector) -> None
         for k in range(d):
             out[k] = -(across * e[k] + 2.0 * along * (p[k] - along * e[k])) * inverse
             out[d + k] = -out[k]
-    elif kind == MESH:
-        mesh_third(model, work, i, u, out)
-    elif kind == ANGLE or kind == GEAR:
-        angle_third(model, work, i, 0, 1.0, u, out)
-        if kind == GEAR:
-            angle_third(model, work, i, 3, -model.ratio[i], u, out)
+    elif kind >= ANGLE:
+        add_logs(model, work, i, factors_of(model, i), u, True, out)
 
 
 @kernel
@@ -665,10 +563,8 @@ def rows_pullback(model: Arrays, eq: Equations, work: Work, instant: int) -> Non
             point_pullback(model, work, i, eq.lam[i], work.shift)
             point_pullback(model, work, i, on_rate, work.sd)
             point_pullback(model, work, i, on_second, work.sdd)
-        elif model.kind[i] == GEAR:
-            ratio_pullback(model, work, i, eq.lam[i], on_value, on_rate, on_second)
-        elif model.kind[i] == MESH:
-            mesh_pullback(model, eq, work, i, instant)
+        elif model.kind[i] == GEAR or model.kind[i] == MESH:
+            factors_pullback(model, eq, work, i, instant)
 
 
 @kernel
@@ -686,48 +582,20 @@ def point_pullback(model: Arrays, work: Work, i: int, factor: float, values: Mat
 
 
 @kernel
-def ratio_pullback(
-    model: Arrays,
-    work: Work,
-    i: int,
-    lam: float,
-    on_value: float,
-    on_rate: float,
-    on_acceleration: float,
-) -> None:
-    """Subtract the derivative of a gear's share of Q by its ratio, minus that of its last angle."""
-    g, h, u = work.third, work.hz, work.u
-    for j in range(g.size):
-        g[j] = h[j] = 0.0
-    angle_gradient(model, work, i, 3, 1.0, g)
-    gather(model, i, work.sd, u)
-    angle_hessian(model, work, i, 3, 1.0, u, h)
-    total = on_value * work.angles[i, 1]
-    for j in range(9, 18):
-        total += on_rate * g[j] * u[j] + on_acceleration * h[j] * u[j]
-    gather(model, i, work.shift, u)
-    for j in range(9, 18):
-        total += lam * g[j] * u[j]
-    gather(model, i, work.sdd, u)
-    for j in range(9, 18):
-        total += on_acceleration * g[j] * u[j]
-    work.ratio_bars[i] += total
-
-
-@kernel
-def mesh_pullback(model: Arrays, eq: Equations, work: Work, i: int, instant: int) -> None:
-    """Subtract the derivative of the share of Q of a row MESH by its three factors."""
-    g, h, u = work.third, work.hz, work.u
-    for which in range(3):
-        first = 1.0 if which == 0 else 0.0
-        second = 1.0 if which == 1 else 0.0
-        radial = 1.0 if which == 2 else 0.0
+def factors_pullback(model: Arrays, eq: Equations, work: Work, i: int, instant: int) -> None:
+    """Subtract the derivative of the share of Q of a row GEAR or MESH by its factors."""
+    g, h, u, gear = work.third, work.hz, work.u, model.kind[i] == GEAR
+    for which in range(1 if gear else 0, 2 if gear else 3):
+        factors = (
+            1.0 if which == 0 else 0.0,
+            1.0 if which == 1 else 0.0,
+            1.0 if which == 2 else 0.0,
+        )
         for j in range(g.size):
             g[j] = h[j] = 0.0
-        value = mesh_gradient(model, work, i, instant, (first, second, radial), g)
+        total = eq.on_values[i] * logs_gradient(model, work, i, instant, factors, g)
         gather(model, i, work.sd, u)
-        mesh_hessian(model, work, i, (first, second, radial), u, h)
-        total = eq.on_values[i] * value
+        add_logs(model, work, i, factors, u, False, h)
         for j in range(g.size):
             total += eq.on_rates[i] * g[j] * u[j] + eq.on_accelerations[i] * h[j] * u[j]
         gather(model, i, work.shift, u)
@@ -736,7 +604,9 @@ def mesh_pullback(model: Arrays, eq: Equations, work: Work, i: int, instant: int
         gather(model, i, work.sdd, u)
         for j in range(g.size):
             total += eq.on_accelerations[i] * g[j] * u[j]
-        if which < 2:
+        if gear:
+            work.ratio_bars[i] += total
+        elif which < LINE:
             work.normal_bars[i, which] -= total
         else:
             work.ratio_bars[i] -= total

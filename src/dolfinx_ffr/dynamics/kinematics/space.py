@@ -18,7 +18,6 @@ from . import bodies_space, moments_space, spins
 from .algebra import add_cross, cross, nothing
 from .arrays import OF_DIRECTION, OF_SPIN, Arrays, SpaceCoordinates, Work
 from .lowering import Lowering
-from .softening import soft_steps
 
 #: Change of the direction of an axis of rotation up to which it counts as fixed.
 _FIXED = 1e-3
@@ -40,10 +39,9 @@ class SpaceArrays(Arrays):
     pullback_own = spins.spin_pullback
     into_coordinates = bodies_space.into_coordinates
     body_equations = bodies_space.body_equations
-    body_pullback = bodies_space.body_pullback
-    stiffened_blocks = bodies_space.stiffened_blocks
+    body_blocks = bodies_space.body_blocks
+    body_slopes = bodies_space.body_blocks
     measure_body = bodies_space.measure_body
-    mass_of_modes = bodies_space.mass_of_modes
 
     #: Joints that hold less than others, in words.
     looser = (
@@ -52,7 +50,6 @@ class SpaceArrays(Arrays):
     )
     #: Rows and forces as the kernels take them.
     lowering = Lowering
-    empty_moments = staticmethod(moments_space.empty_moments)
     set_moments = staticmethod(moments_space.set_moments)
     carried_bars = moments_space.carried_bars
 
@@ -172,26 +169,11 @@ class SpaceArrays(Arrays):
         springs = all(number < len(self.law) for number in numbers)
         return np.asarray(parts[:, :, 0] if springs else parts[:, 0])
 
-    def softened(
-        self, body: int, y: Array, v: Array, w: Array
-    ) -> tuple[Iterable[int], float | None]:
-        """Time steps at which elastic plus inertial stiffness of a body is indefinite.
-
-        Also the square of the speed beyond which it is, where the speed alone decides. Coordinates
-        y, velocities v and accelerations w are of shape (instants, n).
-        """
-        columns, P, n = self.coordinates(body), self.moments(body), int(self.modes[body])
-        W = self.cross_matrices(v[:, columns.rotation])
-        B = W @ W
-        loads, matrices = B.reshape(len(y), 9), P[1:, 1:].transpose(2, 3, 0, 1).reshape(9, n, n)
-        if self.stiffened[body]:
-            full = (self.cross_matrices(w[:, columns.rotation]) + B).reshape(len(y), 9)
-            fall = w[:, columns.position] - self.gravity[: len(y)]
-            f = np.einsum("tki,tk->ti", self.rotations(y[:, columns.rotation]), fall)
-            loads = np.hstack([loads, full, f])
-            matrices = np.concatenate([matrices, self.stiffening[body, :, :n, :n]])
-        G = np.einsum("abkk->ab", P[1:, 1:])
-        return soft_steps(self.K[body, :n, :n], G, loads, matrices), None
+    @staticmethod
+    def loads_of_rotation(omega: Array, alpha: Array) -> Array:
+        """Loads of the geometric stiffness by rotation, (n, 2) or (n, 9), at angular velocities."""
+        W = SpaceArrays.cross_matrices(omega)
+        return (SpaceArrays.cross_matrices(alpha) + W @ W).reshape(len(W), 9)
 
     def largest_turn(self, body: int, y: Array, v: Array, h: Array) -> float:
         """Largest angle by which a body turns in one step about an axis that moves [rad].
