@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Names of the types of arrays, and the sum of arrays by name."""
+"""Names of the types of arrays, sums of arrays by name, and symmetric parts."""
 
 from __future__ import annotations
 
@@ -18,3 +18,8 @@ Mask = NDArray[np.bool_]
 def summed(a: Mapping, b: Mapping, plus: Callable[[Any, Any], Any] = add) -> dict[str, Any]:
     """The sums by name of two sets of values, of which either may lack some."""
     return {**a, **b, **{name: plus(a[name], b[name]) for name in a if name in b}}
+
+
+def symmetric(matrices: Array) -> Array:
+    """The symmetric part of a square matrix, or of several, shape (..., n, n)."""
+    return np.asarray(0.5 * (matrices + np.swapaxes(matrices, -1, -2)))

@@ -86,7 +86,7 @@ def test_matrices_of_one_density_are_kept(comm: MPI.Intracomm) -> None:
     bodies_kept = [body.reduce(waves(body.domain, phase)) for phase in range(4)]
     last_factored = body.factored(bodies_kept[-1])
     assert body.factored(bodies_kept[-1]) is last_factored
-    assert last_factored.clamped_stiffness and last_factored.matrices.stiffness
+    assert last_factored.clamped.stiffness and last_factored.matrices.stiffness
     assert body.factored(bodies_kept[0]) is not last_factored
     with pytest.raises(RuntimeError, match="matrices of this density are freed"):
         last_factored.solve(np.zeros((body.elasticity.n_dofs, 1)))
@@ -111,7 +111,7 @@ def test_nothing_is_left_to_petsc(capfd: pytest.CaptureFixture[str]) -> None:
 def test_a_body_takes_along_what_it_keeps(capfd: pytest.CaptureFixture[str]) -> None:
     """Its factor, the analysis for counts and the pattern go with it, if nobody holds them."""
     body = body_of(MPI.COMM_SELF)
-    clamped_mass = body.factored(body.reduce(waves(body.domain))).clamped_mass
+    clamped_mass = body.factored(body.reduce(waves(body.domain))).clamped.mass
     body = None
     gc.collect()
     PETSc.garbage_view(MPI.COMM_SELF)

@@ -41,12 +41,12 @@ def test_basis_and_operator(comm: MPI.Intracomm, without: bool) -> None:
     modes = reduced.basis.normal
     start = waves(body, 3)
     start = np.column_stack([start, start @ [1.0, 2.0, 0.0], 1e-7 * waves(body, 4)[:, 3]])
-    masses = body.elasticity.apply(factored.clamped_mass, modes)
+    masses = body.elasticity.apply(factored.clamped.mass, modes)
     space = KrylovSpace(factored, start, (modes, masses) if without else None)
     assert space.size == 4
     for _ in range(5):
         space.grow()
-    basis, mass = space.basis, factored.clamped_mass
+    basis, mass = space.basis, factored.clamped.mass
     assert basis.shape[1] == space.complete == 20
     exact = 1e-15 / BASIS.clear**2
     image = body.elasticity.apply(mass, basis)
@@ -88,13 +88,13 @@ def test_error_of_adjoints_is_below_its_bound(comm: MPI.Intracomm, tolerance: fl
     loose, iterations = body.reduction.solve_shifted(factored, basis, right, basis.eigenvalues)
 
     def norms(fields: np.ndarray) -> np.ndarray:
-        image = body.elasticity.apply(factored.clamped_stiffness, fields)
+        image = body.elasticity.apply(factored.clamped.stiffness, fields)
         return np.sqrt(basis.eigenvalues * np.diag(body.elasticity.inner(fields, image)))
 
     assert iterations > 1
     assert np.max(norms(loose - exact)) <= tolerance * np.max(norms(exact))
-    residual = body.elasticity.apply(factored.clamped_stiffness, exact)
-    residual -= basis.eigenvalues * body.elasticity.apply(factored.clamped_mass, exact)
+    residual = body.elasticity.apply(factored.clamped.stiffness, exact)
+    residual -= basis.eigenvalues * body.elasticity.apply(factored.clamped.mass, exact)
     residual -= right - basis.mass_times_normal @ body.elasticity.inner(basis.normal, right)
     residual[body.reduction.clamped] = 0.0
     assert body.elasticity.largest(np.abs(residual)) < 1e-9 * body.elasticity.largest(np.abs(right))

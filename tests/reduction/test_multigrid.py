@@ -138,7 +138,7 @@ def test_a_preconditioner_that_is_not_positive_is_no_convergence(
 def test_products_by_columns(comm: MPI.Intracomm, transposed: bool) -> None:
     """Of ranks without rows, for which releases of PETSc have no product with a block."""
     _, body = pair(comm, 2)
-    matrix = body.factored(body.reduce(holes(body.domain))).clamped_mass
+    matrix = body.factored(body.reduce(holes(body.domain))).clamped.mass
     block = np.cos(np.arange(3.0 * body.elasticity.n_dofs)).reshape(-1, 3)
     product = multigrid._product_by_columns(matrix, block, transposed=transposed)
     exact = multigrid._product(matrix, block, transposed=transposed)

@@ -55,7 +55,7 @@ def all_eigenvalues(body: CraigBampton, factored: FactoredBody) -> np.ndarray:
         rows = scipy.sparse.csr_matrix(matrix.getValuesCSR()[::-1]).toarray()
         return rows[np.ix_(~body.clamped, ~body.clamped)]
 
-    stiffness, mass = dense(factored.clamped_stiffness), dense(factored.clamped_mass)
+    stiffness, mass = dense(factored.clamped.stiffness), dense(factored.clamped.mass)
     return scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
 
 

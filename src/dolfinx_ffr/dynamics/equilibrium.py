@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from ..arrays import Array
+from ..arrays import Array, symmetric
 from .kinematics import Kinematics, equations_pullback
 from .model import FlatModel, without
 
@@ -173,7 +173,7 @@ def free_vibrations(C: Array, M: Array, K: Array) -> tuple[Array, Array]:
     if free.shape[1] == 0:
         return np.zeros(0), free
     stiffness, mass = free.T @ K @ free, free.T @ M @ free
-    values, vectors = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
+    values, vectors = scipy.linalg.eigh(symmetric(stiffness), symmetric(mass))
     return values, free @ vectors
 
 

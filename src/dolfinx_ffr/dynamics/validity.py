@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from ..arrays import Array, Integers
+from ..arrays import Array, Integers, symmetric
 from ..mechanism import Gear, PlacementWarning
 from .initial import placement_corrections, reversed_joint, widest_gap
 from .kinematics import Kinematics, elastic_mass, length_of, mass_norm, norm_floors, tilts
@@ -435,7 +435,7 @@ def _softened(trajectory: Trajectory, b: int) -> tuple[Integers, float]:
     else:
         suspects = np.flatnonzero(np.sum(turning.reshape(len(y), -1) ** 2, axis=1) > lowest)
     parts = modes.T @ parts @ modes
-    parts, least = 0.5 * (parts + parts.transpose(0, 2, 1)), min(0.0, -1e-12 * squares[-1])
+    parts, least = symmetric(parts), min(0.0, -1e-12 * squares[-1])
     soft = [
         chunk[
             np.linalg.eigvalsh(np.diag(squares) + np.tensordot(loads[chunk], parts, 1))[:, 0]

@@ -27,7 +27,7 @@ import numpy as np
 import scipy.linalg
 from scipy.interpolate import CubicSpline
 
-from ..arrays import Array
+from ..arrays import Array, symmetric
 from .equations import CONSTRAINTS, FORCES, TANGENT
 from .equilibrium import free_vibrations
 from .integration.start import accelerations_at_jump, start_accelerations
@@ -212,15 +212,15 @@ class _Modes:
         kinematics.set(y, v, w, multipliers)
         eq, extent = kinematics.equations, CONSTRAINTS | FORCES | TANGENT
         kinematics.evaluate(0, extent, 1.0)
-        mass_and_damping = _symmetric(eq.M)
+        mass_and_damping = symmetric(eq.M)
         kinematics.evaluate(0, extent, 0.0)
-        mass, stiffness = _symmetric(eq.M), _symmetric(eq.Ky)
+        mass, stiffness = symmetric(eq.M), symmetric(eq.Ky)
         # The stiffness without elastic bodies and springs is not that of vibrations.
         loose = Kinematics(without(kinematics.model, 0, "K"))
         loose.begin(y)
         loose.set(y, v, w, multipliers)
         loose.evaluate(0, extent, 0.0)
-        stiffness -= _symmetric(loose.equations.Ky)
+        stiffness -= symmetric(loose.equations.Ky)
         squares, shapes = free_vibrations(eq.C, mass, stiffness)
         elastic = squares > OPTIONS.rigid * np.max(squares, initial=0.0)
         shapes = shapes[:, elastic]
@@ -286,7 +286,3 @@ def _oscillator(
     pushed *= half * np.exp(-rate * middle)
     amplitude = start[1] - rate.conjugate() * start[0] + np.append(0.0, np.cumsum(pushed))
     return np.asarray((np.exp(rate * t) * amplitude).imag / rate.imag)
-
-
-def _symmetric(matrix: Array) -> Array:
-    return 0.5 * (matrix + matrix.T)

@@ -183,8 +183,8 @@ class _BorderedFactor:
     def __init__(self, factored: FactoredBody, basis: ReducedBasis, shift: float) -> None:
         elasticity, border = factored.elasticity, basis.mass_times_normal
         comm, n, size = elasticity.comm, elasticity.n_dofs, elasticity.n_dofs_global
-        shifted = factored.clamped_stiffness.copy()
-        shifted.axpy(-shift, factored.clamped_mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        shifted = factored.clamped.stiffness.copy()
+        shifted.axpy(-shift, factored.clamped.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         indptr, indices, values = shifted.getValuesCSR()
         shifted.destroy()
         matrix = scipy.sparse.csr_matrix((values, indices, indptr), shape=(n, size))

@@ -28,10 +28,10 @@ import math
 
 import numpy as np
 
-from ..arrays import Mask
+from ..arrays import Mask, symmetric
 from ..fem import Block
 from .factored_body import FactoredBody
-from .krylov import KrylovSpace, symmetric
+from .krylov import KrylovSpace
 
 #: Fields of noise: with three the space is done when its modes are accurate, as with four
 COLUMNS = 3
@@ -80,7 +80,7 @@ class Certificate:
 def noise(factored: FactoredBody, clamped: Mask, number: int) -> Block:
     """Normally distributed forces f of fields K^-1 f, others for each ``number``, (dofs, s)."""
     elasticity = factored.elasticity
-    diagonal = factored.clamped_mass.getDiagonal()
+    diagonal = factored.clamped.mass.getDiagonal()
     variances = elasticity.mass_over_diagonal * np.maximum(diagonal.getArray(readonly=True), 0.0)
     diagonal.destroy()
     generator = np.random.default_rng([number, elasticity.comm.rank])

@@ -404,7 +404,7 @@ class CraigBampton:
 
     def _reach(self, factored: FactoredBody, values: Array, pair: Block) -> float:
         """The relative gap of two eigenvalues below which their modes have no derivative."""
-        image = self.elasticity.apply(factored.clamped_stiffness, pair)
+        image = self.elasticity.apply(factored.clamped.stiffness, pair)
         off = np.abs(self.elasticity.inner(pair, image) - np.diag(values)) / values[0]
         return float(np.sqrt(max(float(np.max(off)), ROUND_OFF)))
 
@@ -473,7 +473,7 @@ class CraigBampton:
         mass_normal = np.hstack([basis.mass_times_normal, basis.mass_times_truncated])
         loads = right - mass_normal @ inner(normal, right)
         if isinstance(factored.clamped.solver, MultigridSolver):
-            matrices = factored.clamped_stiffness, factored.clamped_mass
+            matrices = factored.clamped.stiffness, factored.clamped.mass
             solution, iterations = factored.clamped.solver.solve_shifted(
                 matrices, loads, shifts, (normal, mass_normal)
             )

@@ -113,16 +113,6 @@ class FactoredBody:
             )
         return self._clamped
 
-    @property
-    def clamped_stiffness(self) -> PETSc.Mat:
-        """K with all interfaces clamped: one on the diagonal of clamped rows."""
-        return self.clamped.stiffness
-
-    @property
-    def clamped_mass(self) -> PETSc.Mat:
-        """M with all interfaces clamped: zero in clamped rows."""
-        return self.clamped.mass
-
     def solve(self, block: Block) -> Block:
         """K^-1 times right-hand sides, shape (dofs, columns), all interfaces clamped."""
         return self.clamped.solver.solve(block)

@@ -45,11 +45,12 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from ..arrays import symmetric
 from ..body import LOADS, VolumeIntegrals
 from ..fem import Array, Block, add_ghosts
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .factored_body import FactoredBody
-from .krylov import projected, symmetric
+from .krylov import projected
 from .point_marker import PointMarker
 
 #: Factor and columns of `CraigBampton.unit_gradients` in the loads that vary over the body

@@ -16,10 +16,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..arrays import symmetric
 from ..body import BodyMarker, VolumeIntegrals
 from ..fem import Array, Block, Elasticity, Matrices, rotated
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
-from .krylov import projected, symmetric
+from .krylov import projected
 from .point_marker import PointMarker
 
 #: Relative round-off of frequencies squared from which it is reported

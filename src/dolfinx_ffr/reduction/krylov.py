@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas
 
+from ..arrays import symmetric
 from ..fem import Array, Block, Elasticity
 from .factored_body import FactoredBody
 
@@ -91,7 +92,7 @@ class KrylovSpace:
     def mass_last(self) -> Block:
         """M times the last block, not stored: all products would take as much as the basis."""
         last_block = self._basis[:, self._last : self.size]
-        return self._factored.elasticity.apply(self._factored.clamped_mass, last_block)
+        return self._factored.elasticity.apply(self._factored.clamped.mass, last_block)
 
     def image_of(self, coefficients: Array) -> Block:
         """K^-1 M times combinations of `basis` by coefficients (complete, k), shape (dofs, k)."""
@@ -143,7 +144,7 @@ class KrylovSpace:
 
         The ``remainder`` (dofs, b), column by column, of fields of norm ``scale`` is changed.
         """
-        elasticity, mass = self._factored.elasticity, self._factored.clamped_mass
+        elasticity, mass = self._factored.elasticity, self._factored.clamped.mass
         coefficients = [np.zeros((0, remainder.shape[1]))]
         for _ in range(BASIS.looks):
             # round-off along what is there would grow
@@ -193,11 +194,6 @@ def _longer(fields: Block, count: int, room: int) -> Block:
     larger = np.empty((len(fields), room), order="F")
     larger[:, :count] = fields[:, :count]
     return larger
-
-
-def symmetric(matrix: Array) -> Array:
-    """The symmetric part of a square matrix."""
-    return 0.5 * (matrix + matrix.T)
 
 
 def projected(elasticity: Elasticity, matrix: PETSc.Mat, fields: Block) -> Array:

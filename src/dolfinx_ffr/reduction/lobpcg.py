@@ -23,7 +23,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy.linalg
 
-from ..arrays import Array
+from ..arrays import Array, symmetric
 from ..fem import Block, Elasticity
 
 #: Iterations after which it gives up
@@ -70,7 +70,7 @@ def lobpcg(
         bases[2][:, size:end] = image @ factors
         bases[1][:, size:end] = stiff(bases[0][:, size:end])
         grams = [inner(bases[0][:, :end], b[:, :end]) for b in bases[1:]]
-        gram, metric = (0.5 * (g + g.T) for g in grams)
+        gram, metric = (symmetric(g) for g in grams)
         # all ranks must take the same
         ritz_values, vectors = comm.bcast(scipy.linalg.eigh(gram, metric))
         width = min(width, len(ritz_values))  # of starts that depend on each other

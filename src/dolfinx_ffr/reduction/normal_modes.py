@@ -117,7 +117,7 @@ class EigenSolver:
                     "another number of modes, may help"
                 )
             eigenvalues, fields = self._ritz(factored, np.hstack([fields, further_fields]))
-        masses = self.elasticity.apply(factored.clamped_mass, fields)
+        masses = self.elasticity.apply(factored.clamped.mass, fields)
         return eigenvalues, fields, masses, (begin, end), factored.solve(loads)
 
     def _in_krylov_space(self, factored: FactoredBody, number: int, loads: Block) -> Found | None:
@@ -169,14 +169,14 @@ class EigenSolver:
         """At least ``number`` lowest eigenpairs in the complement of known modes, by SLEPc."""
         if number < 1:
             return np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
-        mass, solver = factored.clamped_mass, factored.clamped.solver
+        mass, solver = factored.clamped.mass, factored.clamped.solver
         if isinstance(solver, MultigridSolver):
             have = 0 if deflated is None else deflated.shape[1]
             width = min(number + SEARCH.guards, self.freedoms - have)
             starts = np.hstack([self._scattered(have + k) for k in range(width)])
             return solver.modes(mass, number, starts, deflated)
         eigenvalues, fields = lowest_eigenpairs(
-            factored.clamped_stiffness,
+            factored.clamped.stiffness,
             mass,
             number,
             starts=start,
@@ -192,7 +192,7 @@ class EigenSolver:
     def _normalized(self, factored: FactoredBody, fields: Block) -> tuple[Block, Block]:
         """Fields with zeros in clamped rows, and of modal mass one, and M times them."""
         fields[self._clamped] = 0.0
-        image = self.elasticity.apply(factored.clamped_mass, fields)
+        image = self.elasticity.apply(factored.clamped.mass, fields)
         # a sum along a column could differ in its last bit by where the memory lies
         norms = np.sqrt(np.diag(self.elasticity.inner(fields, image)))
         fields /= norms
@@ -201,7 +201,7 @@ class EigenSolver:
 
     def _ritz(self, factored: FactoredBody, fields: Block) -> tuple[Array, Block]:
         """The best eigenpairs in the span of fields."""
-        matrices = factored.clamped_stiffness, factored.clamped_mass
+        matrices = factored.clamped.stiffness, factored.clamped.mass
         pairs = scipy.linalg.eigh(*(projected(self.elasticity, m, fields) for m in matrices))
         # bases of repeated eigenvalues are arbitrary: all ranks must take the same
         eigenvalues, vectors = self.elasticity.decided(pairs)

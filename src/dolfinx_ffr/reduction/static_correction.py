@@ -17,11 +17,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, symmetric
 from ..fem import Block, rotated
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .factored_body import FactoredBody
-from .krylov import symmetric
 
 #: Loads that are solved for at a time
 _COLUMNS = 32

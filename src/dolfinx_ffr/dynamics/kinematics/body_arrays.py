@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...arrays import Array, symmetric
 from ...body import VolumeIntegrals
 from ...mechanism import RayleighDamping
 from .carried import padded_stiffening
@@ -60,12 +60,12 @@ def body_arrays(
         if integrals.stiffening:
             T = out["stiffening"][b] = padded_stiffening(integrals.stacked_stiffening, modes)
         r, inverse = int(modes_of_body[b]), out["inverse"][b]
-        out["K"][b, :r, :r] = 0.5 * (integrals.K + integrals.K.T)
+        out["K"][b, :r, :r] = symmetric(integrals.K)
         inverse[range(d), range(d)] = 1.0 / integrals.mass
         inverse[d:rigid, d:rigid] = _inverse_mass(kind.set_moments(out, b, integrals, T))
         if r:
             G = integrals.G[1:, 1:]
-            inverse[rigid : rigid + r, rigid : rigid + r] = _inverse_mass(0.5 * (G + G.T))
+            inverse[rigid : rigid + r, rigid : rigid + r] = _inverse_mass(symmetric(G))
     return out
 
 
@@ -73,4 +73,4 @@ def _inverse_mass(G: Array) -> Array:
     """Inverse of a mass matrix (r, r), found at unit diagonal, where its units do not matter."""
     scale = 1.0 / np.sqrt(np.diag(G))
     inverse = np.outer(scale, scale) * np.linalg.inv(G * np.outer(scale, scale))
-    return 0.5 * (inverse + inverse.T)
+    return symmetric(np.asarray(inverse))

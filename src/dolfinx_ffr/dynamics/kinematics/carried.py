@@ -43,7 +43,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, symmetric
 from ..compilation import Array3, Matrix, Vector, kernel
 from ..equations import Equations
 from .algebra import add_multiple
@@ -145,7 +145,7 @@ def carried_matrices_pullback(gram: Array, C: Array, bar: Array) -> tuple[Array,
     """Derivatives with respect to Gram matrix and geometric stiffness, bar being those by C."""
     moments = np.tensordot(_inverse(gram), bar, 1)
     product = np.tensordot(moments, C, ([1, 2], [1, 2]))
-    return -0.5 * (product + product.T), moments
+    return -symmetric(product), moments
 
 
 def marked(C: Array | None, *motion: Array) -> list[Array]:
@@ -184,7 +184,7 @@ def marked_pullback(q: Array, v: Array, a: Array, x: Array, bars: Sequence[Array
             + by_x[:, column] * x
         )
         by_matrix += v.T @ (by_a[:, column] * v)
-        by_matrices.append(0.5 * (by_matrix + by_matrix.T))
+        by_matrices.append(symmetric(by_matrix))
     return np.array(by_matrices)
 
 
@@ -192,5 +192,5 @@ def padded_stiffening(stiffening: Array, modes: int) -> Array:
     """Geometric stiffness (n, r, r), exactly symmetric, with zeros added to (n, modes, modes)."""
     r = stiffening.shape[-1]
     out = np.zeros((len(stiffening), modes, modes))
-    out[:, :r, :r] = 0.5 * (stiffening + stiffening.transpose(0, 2, 1))
+    out[:, :r, :r] = symmetric(stiffening)
     return out

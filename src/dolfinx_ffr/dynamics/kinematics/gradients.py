@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array, Integers
+from ...arrays import Array, Integers, symmetric
 from ...body import BodyMarker, VolumeIntegrals
 from .arrays import OF_POINT, carried_of
 from .body_arrays import ModelArrays
@@ -68,7 +68,7 @@ def integral_bars(
             )
             P[:, :, k, i] += xh.T @ (B[:, k, i, None] * qh + 2.0 * W[:, k, i, None] * vh)
         P[:, :, k, k] += xh.T @ later
-    K = -_symmetric(x_q.T @ (q + model.beta[body] * rate))
+    K = -symmetric(x_q.T @ (q + model.beta[body] * rate))
     markers = {name: marker.scaled(0.0) for name, marker in integrals.markers.items()}
     mass = -float(np.sum(f * m))
     bar = model.integrals(mass, -S, -P, K, markers)
@@ -127,17 +127,13 @@ def vector_bars(model: ModelArrays, marker_bars: Array) -> dict[str, Array]:
     bent = np.zeros_like(model.vector_stiffening)
     for e in np.flatnonzero(model.vector_stiffened >= 0):
         stiffening = marker_bars[e, d:, 1:].reshape(d, modes, modes)
-        bent[model.vector_stiffened[e]] += _symmetric(stiffening)
+        bent[model.vector_stiffened[e]] += symmetric(stiffening)
     return {"shapes": marker_bars[:, :d].copy(), "vector_stiffening": bent}
 
 
 def _turned_back(A: Array, x: Array) -> Array:
     """A^T x row by row."""
     return np.asarray(np.einsum("tki,tk->ti", A, x))
-
-
-def _symmetric(array: Array) -> Array:
-    return np.asarray(0.5 * (array + np.swapaxes(array, -1, -2)))
 
 
 def metric_bars(
@@ -149,7 +145,7 @@ def metric_bars(
     """
     columns, zero = model.coordinates(body), integrals.zeros_like()
     mass = float(np.sum(left[:, columns.position] * right[:, columns.position]))
-    elastic = _symmetric(left[:, columns.elastic].T @ right[:, columns.elastic])
+    elastic = symmetric(left[:, columns.elastic].T @ right[:, columns.elastic])
     P = np.zeros((columns.modes + 1, columns.modes + 1, model.d, model.d))
     P[0, 0] = model.inertia_pullback(left[:, columns.rotation].T @ right[:, columns.rotation])
     P[1:, 1:] = np.einsum("ab,kl->abkl", elastic, np.eye(model.d))
@@ -173,5 +169,5 @@ def marker_bar(model: ModelArrays, marker: int, marker_bars: Array) -> BodyMarke
         position += marker_bars[e, :d, 0]
         displacement += bars
         if model.vector_stiffened[e] >= 0:
-            stiffening = _symmetric(marker_bars[e, d : d + d * r, 1 : r + 1].reshape(d, r, r))
+            stiffening = symmetric(marker_bars[e, d : d + d * r, 1 : r + 1].reshape(d, r, r))
     return BodyMarker(position, displacement, model.rotation_bar(turns, r), stiffening)

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, symmetric
 from ...body import VolumeIntegrals
 from .arrays import Arrays
 from .carried import carried_matrices, carried_matrices_pullback
@@ -76,7 +76,7 @@ def carried_bars(model: Arrays, body: int, bar: VolumeIntegrals, carried: Array)
     N[0] += H[:n].imag
     G[0, 0] += second
     stiffening = {"omega2": spun, "alpha": swung, "acceleration": np.stack(pulled)}
-    return replace(bar, mass=mass, S=S, G=0.5 * (G + G.T), N=0.5 * (N - N.T), stiffening=stiffening)
+    return replace(bar, mass=mass, S=S, G=symmetric(G), N=0.5 * (N - N.T), stiffening=stiffening)
 
 
 def set_moments(
@@ -88,7 +88,7 @@ def set_moments(
     is of shape (4, modes, modes).
     """
     # The kernels use rows as columns: remove what round-off has left of the other part.
-    S, G, N = integrals.S, 0.5 * (integrals.G + integrals.G.T), 0.5 * (integrals.N - integrals.N.T)
+    S, G, N = integrals.S, symmetric(integrals.G), 0.5 * (integrals.N - integrals.N.T)
     if stiffening is not None:
         S, G, N = with_carried_fields(integrals.mass, S, G, N)
         out["carried"][b] = carried_coordinates(G, stiffening)

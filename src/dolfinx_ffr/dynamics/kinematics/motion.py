@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from ...arrays import Array, Integers
+from ...arrays import Array, Integers, symmetric
 from ...body import BodyMarker
 from .arrays import SpaceCoordinates, carried_of
 from .body_arrays import ModelArrays
@@ -229,7 +229,7 @@ def marker_motion_pullback(
         by_y -= np.einsum("tk,kjl,tl->tj", u, T, dq) + np.einsum("tk,kjl,tl->tj", a, T, ddq)
         for bar, one, two in ((0.5 * s, q, q), (u, dq, q), (a, ddq, q), (a, dq, dq)):
             stiffening -= np.einsum("tk,ti,tj->kij", bar, one, two, optimize=True)
-        stiffening = 0.5 * (stiffening + stiffening.transpose(0, 2, 1))
+        stiffening = symmetric(stiffening)
     return MarkerBars(
         np.hstack([bars[0], turn, by_y]),
         np.hstack([bars[1], spin, by_v]),

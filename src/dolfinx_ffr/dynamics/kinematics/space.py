@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...arrays import Array
+from ...arrays import Array, symmetric
 from ...body import BodyMarker, VolumeIntegrals
 from ...mechanism import Placement
 from . import bodies_space, moments_space, spins
@@ -91,7 +91,7 @@ class SpaceArrays(Arrays):
     @staticmethod
     def inertia_pullback(bar: Array) -> Array:
         """Transpose of :meth:`inertia`, shape (d, d)."""
-        return np.trace(bar) * np.eye(3) - 0.5 * (bar + bar.T)
+        return np.trace(bar) * np.eye(3) - symmetric(bar)
 
     @staticmethod
     def rotations(vectors: Array) -> Array:
