@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 from mpi4py import MPI
 
@@ -14,6 +15,7 @@ import shapely
 from shared.problems import slider_crank
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr.boundary import free_ends
 from dolfinx_ffr.boundary_field import (
     FieldSpace,
     FittedNodes,
@@ -23,6 +25,7 @@ from dolfinx_ffr.boundary_field import (
     mended,
     redistanced,
 )
+from dolfinx_ffr.boundary_field.operations import cut, thin_members, with_its_ends
 from dolfinx_ffr.boundary_field.sizes import curvatures
 from dolfinx_ffr.fem import Spline
 from dolfinx_ffr.part import outline_violations
@@ -285,3 +288,47 @@ def test_a_translation_moves_a_hole_as_a_whole() -> None:
     center = around.buffer(MEMBER).difference(after.part.polygon).centroid
     assert 0.3 * MEMBER < center.x - 0.1 < MEMBER
     assert abs(center.y) < 0.1 * MEMBER
+
+
+def test_what_a_cut_member_leaves_as_noses_goes_with_it() -> None:
+    """Between two round holes a member is thinnest in the middle."""
+    space = plate()
+    holes = shapely.MultiPoint([(0.09, 0.0), (0.1245, 0.0)]).buffer(0.015)
+    field = redistanced(with_voids(space, holes))
+    (member,) = thin_members(field)
+    after = cut(field, with_its_ends(field, member))
+    assert after.part.holes == field.part.holes - 1
+    assert free_ends(after.part, MEMBER, np.zeros((0, 2))) == []
+    # the waist is nearly as wide as the holes
+    waist = shapely.box(0.106, -0.03, 0.1085, 0.03).difference(after.part.polygon)
+    assert waist.bounds[3] - waist.bounds[1] > 0.02
+
+
+def test_material_may_grow_beside_what_stays_solid() -> None:
+    """Around a rim that stands free there is some, which moves."""
+    space = plate()
+    void = shapely.Point(CENTER).buffer(0.02).difference(shapely.box(0.0, -0.002, CENTER[0], 0.002))
+    field = first_field(space, space.body.outline.difference(void))
+    edge = field.edge
+    away = np.linalg.norm(edge.points - CENTER, axis=1) - RADIUS - MEMBER
+    beside = np.abs(away) < 0.5 * MEMBER
+    assert np.any(beside) and np.mean(edge.moves[beside]) > 0.9
+
+
+def test_a_part_is_a_boundary_as_it_is_given() -> None:
+    """What cannot be moved is refused, and holes that are too small are named."""
+    part = with_voids(plate(), shapely.Point(0.11, 0.005).buffer(0.01)).part
+    boundary = PlaneBoundary.of(part, MEMBER, volume=0.95)
+    assert boundary.part.area == pytest.approx(part.area, rel=0.02)
+    line, plane = ffr.Mirror((0.08, 0.0), (1.0, 0.0)), ffr.Mirror((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    wrong: tuple[tuple[dict[str, Any], str], ...] = (
+        ({"member": 0.07}, "do not fit into the body"),
+        ({"member": -1.0}, "member must"),
+        ({"mirrors": [line]}, "has no mirror image near"),
+        ({"mirrors": [plane]}, "is a plane; give lines"),
+    )
+    for options, why in wrong:
+        with pytest.raises(ValueError, match=why):
+            PlaneBoundary.of(part, **{"member": MEMBER, **options})
+    with pytest.warns(ffr.PartWarning, match="holes of the design near .* are left out"):
+        PlaneBoundary.of(with_voids(plate(), shapely.Point(0.11, 0.0).buffer(2e-3)).part, 1.5e-2)

@@ -10,6 +10,7 @@ from .moving import MovingBoundary as MovingBoundary
 from .moving import split_by_boundary as split_by_boundary
 from .options import FieldOptions as FieldOptions
 from .plane import PlaneBoundary as PlaneBoundary
+from .plane import first_field as first_field
 from .projection import JoinedMotions as JoinedMotions
 from .projection import Projection as Projection
 from .projection import Secants as Secants
@@ -22,4 +23,3 @@ from .smoothing import mended as mended
 from .smoothing import metric as metric
 from .smoothing import redistanced as redistanced
 from .spline_grid import SplineGrid as SplineGrid
-from .start import first_field as first_field

@@ -47,9 +47,12 @@ class BodyDrawing:
     lines: Array  #: A polyline for each curve (curves,), of geometries
     parameters: list[Array]  #: Those of its points
     step: float  #: Of the raster [m]
+    joined: bool  #: Whether a web joins all pieces of the material
 
     @staticmethod
-    def of(drawing: Drawing, solid: shapely.Geometry, step: float) -> BodyDrawing:
+    def of(
+        drawing: Drawing, solid: shapely.Geometry, step: float, joined: bool = False
+    ) -> BodyDrawing:
         """The body of a ``drawing`` with faces that are inside ``solid`` [m]."""
         fine = _FINE * step
         parameters = [curve.parameters(fine) for curve in drawing.curves]
@@ -59,7 +62,7 @@ class BodyDrawing:
         stays = [number for number, inside in enumerate(inner) if inside]
         kept = shapely.union_all([faces[number] for number in stays])
         free = shapely.union_all([f for f, inside in zip(faces, inner, strict=True) if not inside])
-        return BodyDrawing(drawing, stays, kept, free, lines, parameters, step)
+        return BodyDrawing(drawing, stays, kept, free, lines, parameters, step, joined)
 
     def nearest(self, points: Array) -> tuple[Integers, Array]:
         """The curve nearest to each of ``points`` (n, 2), and its distance [m]."""
@@ -375,21 +378,26 @@ class FieldDrawing:
                 for loop in body.faces[number].loops
             ]
             drawn.append(Face("solid", loops))
-        return _one_piece(Drawing(curves, nodes, groups, drawn))
+        return _one_piece(Drawing(curves, nodes, groups, drawn), self._body.joined)
 
 
 def _last(along: Sequence[int], node: int) -> int:
     return len(along) - 1 - list(along)[::-1].index(node)
 
 
-def _one_piece(drawing: Drawing) -> Drawing:
-    """The drawing without designed pieces that are loose, and without curves of no face."""
+def _one_piece(drawing: Drawing, joined: bool) -> Drawing:
+    """The drawing without designed pieces that are loose, and without curves of no face.
+
+    Where a web has ``joined`` all pieces, none is loose.
+    """
     of_curve: dict[int, list[int]] = {}
     for number, face in enumerate(drawing.faces):
         for curve in {i for loop in face.loops for i, _ in loop}:
             of_curve.setdefault(curve, []).append(number)
     pairs = np.array([[faces[0], faces[-1]] for faces in of_curve.values()]).reshape(-1, 2)
     label = connected(pairs, len(drawing.faces))
+    if joined:
+        label = np.zeros_like(label)
     needed = {label[f] for f, face in enumerate(drawing.faces) if face.group == "solid"}
     needed |= {label[faces[0]] for curve, faces in of_curve.items() if drawing.groups[curve]}
     missing = {name for name in drawing.groups if name} - {

@@ -49,7 +49,9 @@ class FieldSpace:
     member: float  #: Minimum member [m]
     gap: float  #: Minimum gap [m]
     radius: float  #: Minimum radius of curvature [m]
-    volume: float  #: Largest share of the body that is filled
+    volume: float  #: Largest share of the body that has the full thickness
+    web: float  #: Thickness in voids, as a share of the part's: pockets are milled there
+    strip: shapely.Geometry  #: Along an outline that is kept, where material stays [m]
     options: FieldOptions
 
     @staticmethod
@@ -61,13 +63,16 @@ class FieldSpace:
         radius: float | None = None,
         volume: float = 1.0,
         rim: float = 0.0,
+        outline: bool = True,
+        web: float = 0.0,
         mirrors: Sequence[Mirror] = (),
         material: ElasticMaterial | None = None,
         options: FieldOptions = FieldOptions(),  # noqa: B008
     ) -> FieldSpace:
         """The fields of a ``body`` with minimum sizes [m]; a minimum radius is half a gap.
 
-        Where sizes are mended, the ``volume``, a share of the body, is kept as well.
+        Where sizes are mended, the ``volume``, a share of the body, is kept as well. Without
+        ``outline`` the outer edge of the body stays, and with a ``web`` it has to.
         """
         isometries = images(mirrors)
         axes = np.eye(2)
@@ -76,10 +81,15 @@ class FieldSpace:
             axes = np.array([normal, [-normal[1], normal[0]]])
         corners = shapely.get_coordinates(body.outline)
         grid = SplineGrid.around(corners, options.spacing * member, isometries, axes)
-        upper = _distance_to_outline(body, grid)
         radius = 0.5 * gap if radius is None else radius
+        upper, strip = _distance_to_outline(body, grid), shapely.MultiPolygon()
+        if not outline:
+            # no field is as large as a body
+            upper = np.full(grid.size, float(np.linalg.norm(np.ptp(corners, axis=0))))
+            inner = _within_edges(body).buffer(-options.spare * member - radius).buffer(radius)
+            strip = body.outline.difference(inner)
         rims = HoleRims(body, rim)
-        sizes = (member, gap, radius, volume, options)
+        sizes = (member, gap, radius, volume, web, strip, options)
         held = _near_undefended(body, grid, rims)
         return FieldSpace(grid, body, material, upper, held, isometries, rims, *sizes)
 
@@ -92,7 +102,12 @@ class FieldSpace:
         """All of the body as a part."""
         # its spacing tells the accuracy of polygons
         return Part(
-            self.body, lambda x: np.ones(len(x)), self.member, material=self.material, resolution=2
+            self.body,
+            lambda x: np.ones(len(x)),
+            self.member,
+            material=self.material,
+            resolution=2,
+            web=self.web,
         )
 
     @cached_property
@@ -147,7 +162,8 @@ class FieldSpace:
             near = holes.buffer(10.0 * fine)
             held = [np.full(len(x) - 1, near.covers(shapely.LineString(x))) for x in points]
             drawing = with_rims(drawing, points, held, self.rims.width)
-        return BodyDrawing.of(drawing, self.solid.buffer(1e-3 * step), step)
+        joined = self.web > 0.0
+        return BodyDrawing.of(drawing, self.solid.buffer(1e-3 * step), step, joined)
 
     @cached_property
     def designed(self) -> shapely.Geometry:
@@ -189,9 +205,7 @@ class FieldSpace:
 
     def _tells(self, points: Array) -> Mask:
         """Not what stays and holes: there a field goes on smoothly, and no zero is along it."""
-        inner = shapely.union_all(
-            [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(self.body.outline)]
-        )
+        inner = _within_edges(self.body)
         region = self.designed.buffer(self.grid.spacing).difference(inner).union(self.designed)
         shapely.prepare(region)
         return np.asarray(shapely.contains_xy(region, *points.T))
@@ -261,8 +275,7 @@ def _distance_to_outline(body: Domain, grid: SplineGrid) -> Array:
     A spline field of a distance differs from it where the edge is curved or has a corner, which a
     few corrections of the variables make good.
     """
-    edges = [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(body.outline)]
-    inside = shapely.union_all(edges)
+    inside = _within_edges(body)
     shapely.prepare(inside)
     points = shapely.points(grid.nodes)
     sign = np.where(shapely.contains(inside, points), 1.0, -1.0)
@@ -277,6 +290,12 @@ def _distance_to_outline(body: Domain, grid: SplineGrid) -> Array:
     for _ in range(_INSIDE):
         upper = upper - 1.5 * (on_edge.T @ np.maximum(on_edge @ upper, 0.0)) / shares
     return np.asarray(upper)
+
+
+def _within_edges(body: Domain) -> shapely.Geometry:
+    """The region within the outer edges of a body, with its holes [m]."""
+    edges = [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(body.outline)]
+    return shapely.union_all(edges)
 
 
 def _near_undefended(body: Domain, grid: SplineGrid, rims: HoleRims) -> Mask:
@@ -351,8 +370,11 @@ class BoundaryField:
         return self.space.full.redrawn(drawing)
 
     @cached_property
-    def material(self) -> shapely.Polygon:
-        """The region of its largest piece, between chords of its zero; a ShapeError if empty."""
+    def material(self) -> shapely.Polygon | shapely.MultiPolygon:
+        """The region of its largest piece, between chords of its zero; a ShapeError if empty.
+
+        Where a web joins them, it is that of all pieces.
+        """
         drawing = self.space.body_drawing
         faces = [*designed_faces(self, self.space.grid, drawing), drawing.kept]
         # neighbors share an edge to round-off
@@ -360,7 +382,14 @@ class BoundaryField:
         pieces = [piece for piece in shapely.get_parts(joined) if piece.area > 0.0]
         if not pieces:
             raise ShapeError("boundary: there is no material")
+        if self.space.web:
+            return shapely.MultiPolygon([shapely.geometry.polygon.orient(p) for p in pieces])
         return shapely.geometry.polygon.orient(max(pieces, key=lambda piece: piece.area))
+
+    @property
+    def holes(self) -> list[shapely.LinearRing]:
+        """The inner edges of its material."""
+        return [ring for piece in shapely.get_parts(self.material) for ring in piece.interiors]
 
     @property
     def area(self) -> float:
@@ -371,7 +400,8 @@ class BoundaryField:
     def edge(self) -> Edge:
         """Points on all of its boundary, a sample apart."""
         step = self.space.options.sample * self.space.member
-        rings = [self.material.exterior, *self.material.interiors]
+        outer = [piece.exterior for piece in shapely.get_parts(self.material)]
+        rings = [*outer, *self.holes]
         samples = [spread(shapely.get_coordinates(ring)[:-1], step) for ring in rings]
         points, normals, lengths = (np.concatenate(x) for x in zip(*samples, strict=True))
         return self._edge(points, normals, lengths)
@@ -395,7 +425,9 @@ class BoundaryField:
             moved = moved - (way / size)[:, None] * gradient
             value, gradient = grid.derivatives(self.variables, moved, 1)
         points, normals = points.copy(), normals.copy()
-        points[moves], slopes[moves] = moved, np.linalg.norm(gradient, axis=1)
+        points[moves] = moved
+        # a field without a slope has no zero that moves
+        slopes[moves] = np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
         normals[moves] = -gradient / slopes[moves, None]
 
         motion = csr_matrix(diags(1.0 / slopes[moves]) @ grid.rows(moved))

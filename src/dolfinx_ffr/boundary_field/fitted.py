@@ -29,17 +29,22 @@ class FittedNodes:
         self._shape = points.shape
         # in the order of those cells
         solid = domain.comm.gather(domain.solid_cells)
+        full = domain.comm.gather(field.part.density(domain) == 1.0)
         if solid is not None:
-            self._sides_of(points, cells)
+            self._sides_of(points, cells, np.concatenate(full))
             self.motion = self._motion_of(field, points, cells[np.concatenate(solid)])
             self._inner_of(points, cells)
 
-    def _sides_of(self, points: Array, cells: Integers) -> None:
-        """Find every side of a cell once: its ends, its middle, whether it is on the boundary."""
+    def _sides_of(self, points: Array, cells: Integers, full: Mask) -> None:
+        """Find every side of a cell once: its ends, its middle, whether it is on the boundary.
+
+        There one of its cells has the full thickness, beside none or one of a pocket.
+        """
         ends = cells[:, _ENDS].reshape(-1, 2)
         middles = cells[:, _MIDDLES].reshape(-1)
         key = np.sort(ends, axis=1) @ np.array([len(points), 1])
-        _, first, count = np.unique(key, return_index=True, return_counts=True)
+        _, first, number = np.unique(key, return_index=True, return_inverse=True)
+        count = np.bincount(number.ravel(), np.repeat(full, 3))
         self._ends, self._middles, self._outer = ends[first], middles[first], count == 1
 
     def _motion_of(self, field: BoundaryField, points: Array, solid: Integers) -> list[csr_matrix]:

@@ -86,12 +86,20 @@ class MovingBoundary(ABC):
 
     @property
     @abstractmethod
+    def part(self) -> Part | Solid:
+        """The same as its mesh shows it."""
+
+    @property
+    @abstractmethod
     def n_holes(self) -> int:
         """Number of holes through what it encloses."""
 
     @abstractmethod
-    def mesh(self, turn: float, *, fine: bool) -> Domain:
-        """A mesh that fits; its cells in notches have ``turn`` radii, if that is finite."""
+    def mesh(self, turn: float, *, fine: bool, size: float | None = None) -> Domain:
+        """A mesh that fits; its cells in notches have ``turn`` radii, if that is finite.
+
+        They are as large as ``size`` [m], or as is fine enough.
+        """
 
     @abstractmethod
     def node_motion(self, domain: Domain) -> NodeMotion:

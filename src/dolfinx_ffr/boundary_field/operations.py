@@ -7,6 +7,8 @@ carry, and from the topological derivatives of members that are missing and of h
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
@@ -63,7 +65,7 @@ def small_voids(field: BoundaryField) -> shapely.Geometry | None:
     """All holes that are so small that they may be worth nothing; None if there are none."""
     space, options = field.space, field.space.options
     largest = options.small_void * space.member**2
-    holes = [shapely.Polygon(ring) for ring in field.material.interiors]
+    holes = [shapely.Polygon(ring) for ring in field.holes]
     drawn = shapely.MultiPolygon(space.drawn_holes)
     small = [hole for hole in holes if hole.area < largest and not hole.intersects(drawn)]
     return shapely.union_all(small).buffer(space.grid.spacing) if small else None
@@ -98,7 +100,19 @@ def most_idle(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
         share = float(np.sum(carried[shapely.contains_xy(member, x, y)]))
         if share < least:
             least, idle = share, member
-    return idle
+    return None if idle is None else with_its_ends(field, idle)
+
+
+def with_its_ends(field: BoundaryField, members: shapely.Geometry) -> shapely.Geometry:
+    """Thin members and what would be left of them as noses: voids that they part become convex."""
+    near = field.space.options.noses * field.space.member
+    shapes = []
+    for member in shapely.get_parts(members):
+        around = member.buffer(near)
+        voids = shapely.get_parts(around.difference(field.material))
+        beside = voids[shapely.intersects(voids, member)]
+        shapes.append(shapely.union_all([member, *beside]).convex_hull.intersection(around))
+    return shapely.union_all([members, *shapes])
 
 
 def best_hole(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
@@ -123,19 +137,35 @@ def best_hole(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
     return None if best is None else with_images(space, best)
 
 
-def best_member(field: BoundaryField, struts: Struts) -> shapely.Geometry | None:
-    """The straight member across a hole that promises most; None if none is worth a trial."""
+def missing_members(field: BoundaryField, struts: Struts) -> Iterator[shapely.Geometry]:
+    """Straight members across holes that are worth a trial, those first that promise most.
+
+    Of those near each other only the best one is tried.
+    """
     space, options = field.space, field.space.options
     points, ends = _across_holes(field)
     if not len(ends):
-        return None
+        return
     gains = -struts.changes(points, ends, space.member)
-    best = int(np.argmax(gains))
-    if gains[best] < options.promised:
-        return None
-    bar = shapely.LineString(points[ends[best]]).buffer(0.5 * options.bar * space.member)
-    bar = with_images(space, bar)
-    # the corners beside its ends are rounded, so that few sizes are to be mended
+    taken: list[shapely.Geometry] = []
+    for k in np.argsort(-gains, kind="stable"):
+        if gains[k] < options.promised or len(taken) == options.members_tried:
+            return
+        line = shapely.LineString(points[ends[k]])
+        near = [o.distance(line) < 0.5 * min(o.geoms[0].length, line.length) for o in taken]
+        if any(near):
+            continue
+        taken.append(
+            shapely.MultiLineString([image(points[ends[k]]) for image in space.isometries])
+        )
+        yield _bar(field, line)
+
+
+def _bar(field: BoundaryField, line: shapely.LineString) -> shapely.Geometry:
+    """The member along a line and its mirror images, with rounded corners beside their ends."""
+    space, options = field.space, field.space.options
+    bar = with_images(space, line.buffer(0.5 * options.bar * space.member))
+    # so few sizes are to be mended
     round_ = max(1.5 * space.radius, 0.5 * space.gap)
     whole = field.material.union(bar).buffer(round_).buffer(-round_)
     return whole.intersection(bar.buffer(4.0 * round_))
@@ -146,7 +176,7 @@ def _across_holes(field: BoundaryField) -> tuple[Array, Integers]:
     member, edge = field.space.member, field.edge
     step = max(1, int(1.5 / field.space.options.sample))
     points, pairs, count = [], [], 0
-    for ring in field.material.interiors:
+    for ring in field.holes:
         near = shapely.Polygon(ring).buffer(0.1 * member)
         shapely.prepare(near)
         on = np.flatnonzero(shapely.contains_xy(near, *edge.points.T))[::step]

@@ -18,6 +18,8 @@ class FieldOptions:
     zero_weight: float = 30.0  #: Of the zero in a new field, beside its slope there
     far_weight: float = 0.03  #: Of the distance away from the boundary, likewise
 
+    skin: float = 0.25  #: Width of material around what stays solid at the start
+
     # the boundary
     sample: float = 0.2  #: Distance of points on the boundary
     on_zero: float = 0.05  #: Distance from the zero of nodes that follow it, in spacings
@@ -55,5 +57,7 @@ class FieldOptions:
     opened: float = 0.75  #: Half of it is the radius of discs that thin members do not hold
     small_void: float = 6.0  #: Area of voids that are filled on trial, in squared members
     idle: float = 2e-3  #: Share of psi that a member carries at most to be cut on trial
+    noses: float = 3.0  #: How far from a member that is cut voids become convex
     promised: float = 0.01  #: Fall of log psi that a new member or hole must promise to be tried
     bar: float = 1.1  #: Width of members that are inserted
+    members_tried: int = 3  #: Members that are tried at one time, if the first is not worth it

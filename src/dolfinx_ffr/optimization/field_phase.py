@@ -121,10 +121,12 @@ class FieldPhaseSteps(Iterator[FieldTrial]):
     def row_of(self, trial: FieldTrial) -> dict[str, float]:
         """The row of the history for a trial that no step has led to."""
         bodies = [trial.problem.flexible[name] for name in trial.fields]
+        volume = trial.evaluation.volume
+        filled = sum(volume[n] * trial.problem.flexible[n].domain.area for n in trial.fields)
         full = sum(boundary.body.area for boundary in trial.fields.values())
         return {
             "psi": trial.evaluation.psi,
-            "volume": sum(body.domain.area for body in bodies) / full,
+            "volume": filled / full,
             "narrowest": trial.narrowest,
             "excess": max(0.0, *trial.violations.values()) if trial.violations else 0.0,
             "size_violation": trial.size_violation,

@@ -122,6 +122,7 @@ class FieldProblem:
     volume: Mapping[str, float]  #: Upper bounds of the filled shares, by body
     others: Mapping[str, Array]  #: Variables of designs without a domain, and given densities
     options: FieldOptions
+    size: float | None = None  #: Of cells [m]; None for one that is fine enough
     logarithm: SignedLog | None = None  #: By which psi is compared; None before the first trial
     #: Size of triangles in notches, in radii; finite where the largest stress counts
     turn: float = math.inf
@@ -132,9 +133,10 @@ class FieldProblem:
     step_margin: float = 0.0
     tell: Callable[[str], object] = str  #: Shows that something is tried without a step
 
-    def point(self, problem: Problem) -> dict[str, Array]:
-        """Where the problem is evaluated: full bodies."""
-        full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+    def point(self, problem: Problem, fields: Mapping[str, MovingBoundary]) -> dict[str, Array]:
+        """Where the problem is evaluated: full bodies, with the webs of their pockets."""
+        bodies = problem.flexible
+        full = {n: field_.part.density(bodies[n].domain) for n, field_ in fields.items()}
         return full | dict(self.others)
 
     def trial(self, fields: Mapping[str, MovingBoundary]) -> FieldTrial:
@@ -146,11 +148,11 @@ class FieldProblem:
             with shaping():
                 for name, field_ in fields.items():
                     bodies[name] = self.problem.flexible[name].with_domain(
-                        field_.mesh(self.turn, fine=self.fine)
+                        field_.mesh(self.turn, fine=self.fine, size=self.size)
                     )
                 problem = self.problem.with_bodies(bodies)
             with simulating():
-                evaluation = problem.value(self.point(problem))
+                evaluation = problem.value(self.point(problem, fields))
         return replace(self.evaluated(fields, problem, evaluation), warned=tuple(warned))
 
     def evaluated(
@@ -164,7 +166,7 @@ class FieldProblem:
             logarithm = SignedLog.around(evaluation.psi)
         violations = {n: float(c.violation) for n, c in evaluation.constraints.items()}
         for name, most in self.volume.items():
-            area = problem.flexible[name].domain.area
+            area = evaluation.volume[name] * problem.flexible[name].domain.area
             violations[f"volume of {name}"] = area / fields[name].body.area / most - 1.0
         return FieldTrial(dict(fields), problem, evaluation, logarithm, violations, self.margins)
 
@@ -219,7 +221,7 @@ class FieldProblem:
     ) -> tuple[FieldProblem, FieldTrial]:
         """The problem with as many modes and time steps as the parts need; collective."""
         problem, evaluation = trial.problem, trial.evaluation
-        x = self.point(problem)
+        x = self.point(problem, trial.fields)
         errors: dict[str, float] = {}
         if tolerance is not None:
             problem, evaluation, errors = with_enough_modes(

@@ -13,7 +13,7 @@ from typing import Any
 from shapely import GEOSException
 
 from ..boundary import Boundary, Surface
-from ..boundary_field import FieldSpace, MovingBoundary, first_field
+from ..boundary_field import MovingBoundary, PlaneBoundary
 from ..design import LEAST, SHARP, Design, LevelSet
 from ..dynamics import SimulationError
 from ..fem import CurveError
@@ -119,16 +119,14 @@ def _fields(
             part = parts[name] = _rough_part(result, name)
         assert isinstance(part, Part)
         member, gap = _sizes(design)
-        space = FieldSpace.of(
-            design.domain,
+        boundaries[name] = PlaneBoundary.of(
+            part,
             member,
-            gap,
+            gap=gap,
             rim=design.hole_rim,
             mirrors=design.mirrors if isinstance(design, LevelSet) else (),
-            material=result.problem.flexible[name].material,
             volume=result.bounds.get(name, 1.0),
         )
-        boundaries[name] = first_field(space, part.polygon)
     return boundaries
 
 
