@@ -125,7 +125,7 @@ def _at_design(
         known_seconds, values = elementwise(selected)
         for kernel_name, kernel in KERNELS.items():
             method = ffr.paper.ApproximateGradient(kernel=kernel)
-            interpolate = partial(method.interpolate, domain, selected, values)
+            interpolate = partial(method._interpolate, domain, selected, values)
             seconds, (gradient, report) = _best(interpolate, 1)
             note(kernel_name, share, known_seconds + seconds, gradient, report.estimate)
     return rows
