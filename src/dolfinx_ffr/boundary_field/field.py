@@ -31,8 +31,6 @@ SYMMETRIC: dict[str, Any] = {
 }
 #: Rounds that bring the largest zero into the outline, within a hundredth of a spacing at a notch
 _INSIDE = 12
-#: Weight of second differences beside values, where values tell a field: there it hardly counts
-SMOOTH = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +221,9 @@ class FieldSpace:
     @cached_property
     def _fit(self) -> Any:
         """The factor of the least squares by which values on the raster tell a field."""
-        matrix = self.raster_rows.T @ self.raster_rows + SMOOTH * self.grid.bending
+        matrix = (
+            self.raster_rows.T @ self.raster_rows + self.options.bending_weight * self.grid.bending
+        )
         return splu(csc_matrix(matrix + 1e-9 * eye(self.grid.size)), **SYMMETRIC)
 
     def fitted(self, values: Array) -> BoundaryField:

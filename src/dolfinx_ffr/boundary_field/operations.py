@@ -51,7 +51,7 @@ def _inside(space: FieldSpace, shape: shapely.Geometry) -> Array:
 def refitted(field: AnyField, values: Array) -> AnyField:
     """The field nearest to ``values`` (n,) at the raster [m], with minimum sizes."""
     changed = redistanced(field.with_variables(field.space.fitted(values).variables))
-    for _ in range(3):
+    for _ in range(field.space.options.mending):
         changed = mended(changed, field.space.member)
     return changed
 

@@ -17,6 +17,7 @@ class FieldOptions:
     steep_share: float = 0.03  #: Share of the boundary that may leave these slopes
     zero_weight: float = 30.0  #: Of the zero in a new field, beside its slope there
     far_weight: float = 0.03  #: Of the distance away from the boundary, likewise
+    bending_weight: float = 1e-3  #: Of second differences beside values that tell a field
 
     skin: float = 0.25  #: Width of material around what stays solid at the start
 
@@ -35,6 +36,7 @@ class FieldOptions:
     bin: float = 1.5  #: Size of the places of which each has one row
     at_once: float = 0.25  #: Share of a violation that one step mends at most
     mending: int = 3  #: Rounds in which a trial's sizes are mended
+    unmended: float = 1e-3  #: Violation of a size or the volume that needs no mending
 
     # the step
     smooth: float = 5.0  #: Length over which a step is smooth along the boundary
@@ -58,6 +60,7 @@ class FieldOptions:
     small_void: float = 6.0  #: Area of voids that are filled on trial, in squared members
     idle: float = 2e-3  #: Share of psi that a member carries at most to be cut on trial
     noses: float = 3.0  #: How far from a member that is cut voids become convex
+    stiff: float = 0.1  #: Share of psi that a body's stiffness carries where members count at all
     promised: float = 0.01  #: Fall of log psi that a new member or hole must promise to be tried
     bar: float = 1.1  #: Width of members that are inserted
     members_tried: int = 3  #: Members that are tried at one time, if the first is not worth it

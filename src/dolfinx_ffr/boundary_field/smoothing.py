@@ -8,12 +8,9 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, vstack
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers, Mask
-from .field import SMOOTH, AnyField, BoundaryField
+from .field import AnyField, BoundaryField
 from .projection import Projection, SmoothMotion
 from .sizes import SizeRows
-
-#: Violation of a size or the volume that needs no mending
-_MENDED = 1e-3
 
 
 def metric(field: BoundaryField) -> csc_matrix:
@@ -55,7 +52,7 @@ def mended(field: AnyField, reach: float, smooth: SmoothMotion | None = None) ->
     options = field.space.options
     for _ in range(options.mending):
         rows, beyond = SizeRows.of(field), _beyond_volume(field)
-        if max(rows.violation, beyond) <= _MENDED:
+        if max(rows.violation, beyond) <= options.unmended:
             break
         smooth = smooth or SmoothMotion(metric(field), free_variables(field))
         near = np.flatnonzero(rows.values > -options.at_once)
@@ -124,7 +121,9 @@ def redistanced(field: AnyField) -> AnyField:
     far = options.far_weight / spacing**2
     zero = options.zero_weight / spacing**2
     matrix = zero * values.T @ weights @ values + outward.T @ weights @ outward
-    matrix = csc_matrix(matrix + far * (at_nodes.T @ at_nodes + SMOOTH * grid.bending))
+    matrix = csc_matrix(
+        matrix + far * (at_nodes.T @ at_nodes + options.bending_weight * grid.bending)
+    )
     right = -outward.T @ edge.lengths[moves] / spacing + far * at_nodes.T @ target
     rows = SizeRows.of(field)
     violations = np.minimum(rows.values, options.at_once)

@@ -22,9 +22,6 @@ from .options import FieldOptions
 from .sizes import opposite
 from .smoothing import mended, redistanced
 
-#: Rounds in which the sizes of the first field are mended
-_ROUNDS = 3
-
 
 def space_of(
     part: Part,
@@ -119,7 +116,7 @@ def _place(shape: shapely.Geometry) -> str:
 def field_with_sizes(space: FieldSpace, material: shapely.Geometry) -> BoundaryField:
     """The field whose zero is the free boundary of a ``material``, as near as sizes allow."""
     field = redistanced(space.of_material(_with_sizes(space, material)))
-    for _ in range(_ROUNDS):
+    for _ in range(space.options.mending):
         field = mended(field, space.options.longest_reach * space.member)
     return field
 

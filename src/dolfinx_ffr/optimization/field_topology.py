@@ -18,11 +18,6 @@ from ..reduction import Struts
 from .field_trial import FieldGradients, FieldProblem, FieldTrial
 from .trial_failed import TrialFailed, shaping
 
-#: Least share of psi that a body's stiffness carries: else members are no springs that count
-_STIFF = 0.1
-#: Changes of one kind at one time
-_MOST = 8
-
 
 def with_better_topology(
     problem: FieldProblem, trial: FieldTrial, gradients: FieldGradients, costs: Array, weight: float
@@ -48,21 +43,23 @@ def with_better_topology(
     evaluation = gradients.evaluation
     if trial.evaluation is not evaluation:
         evaluation = trial.problem.differentiate(trial.evaluation, densities=False)
-    struts = _struts(trial, evaluation, costs)
+    struts = _struts(problem, trial, evaluation, costs)
     for name in tuple(struts):
         for change in trial.fields[name].changes:
-            for _ in range(_MOST):
-                if name not in struts:
-                    break
+            # each change lowers psi by what it is worth, or leaves fewer holes, or is the last one
+            ends = False
+            while name in struts and not ends:
                 candidates = change.candidates(trial.fields[name], struts[name])
                 better = _first_better(
                     problem, trial, name, candidates, weight, simplifies=change.simplifies
                 )
                 if better is None:
                     break
+                fewer = better.fields[name].n_holes < trial.fields[name].n_holes
+                ends = change.simplifies and not fewer
                 trial = better
                 evaluation = trial.problem.differentiate(trial.evaluation, densities=False)
-                struts = _struts(trial, evaluation, costs)
+                struts = _struts(problem, trial, evaluation, costs)
     return trial
 
 
@@ -101,7 +98,9 @@ def _first_better(
         other.release()
 
 
-def _struts(trial: FieldTrial, evaluation: Evaluation, costs: Array) -> dict[str, Struts]:
+def _struts(
+    problem: FieldProblem, trial: FieldTrial, evaluation: Evaluation, costs: Array
+) -> dict[str, Struts]:
     """What members carry, and others would, of log psi and of constraints, by body; collective.
 
     Not of bodies whose stiffness hardly counts.
@@ -117,6 +116,6 @@ def _struts(trial: FieldTrial, evaluation: Evaluation, costs: Array) -> dict[str
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
         body_struts = body.struts(evaluation.bodies[name], bar)
-        if body.domain.sum(body_struts.carried) > _STIFF:
+        if body.domain.sum(body_struts.carried) > problem.options.stiff:
             struts[name] = body_struts
     return struts
