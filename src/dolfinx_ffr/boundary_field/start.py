@@ -19,7 +19,7 @@ from ..design import Mirror
 from ..part import Part, PartWarning
 from .field import BoundaryField, FieldSpace, spread
 from .options import FieldOptions
-from .sizes import opposite
+from .sizes import SizeRows, opposite
 from .smoothing import mended, redistanced
 
 
@@ -115,9 +115,14 @@ def _place(shape: shapely.Geometry) -> str:
 
 def field_with_sizes(space: FieldSpace, material: shapely.Geometry) -> BoundaryField:
     """The field whose zero is the free boundary of a ``material``, as near as sizes allow."""
-    field = redistanced(space.of_material(_with_sizes(space, material)))
-    for _ in range(space.options.mending):
-        field = mended(field, space.options.longest_reach * space.member)
+    for _ in range(2):
+        field = redistanced(space.of_material(_with_sizes(space, material)))
+        for _ in range(space.options.mending):
+            field = mended(field, space.options.longest_reach * space.member)
+        if SizeRows.of(field).violation <= space.options.at_once:
+            break
+        # where a member and a gap are too narrow side by side one of both goes in the next round
+        material = field.material
     return field
 
 
