@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -64,17 +63,16 @@ def test_reductions_serve_at_any_time(
 @pytest.mark.mpi
 @pytest.mark.parametrize("solver", ["bordered", "deflated"])
 def test_element_by_element_at_any_time(comm: MPI.Intracomm, solver: ffr.paper.Solver) -> None:
-    """Also while the body is reduced at another density between two batches."""
+    """Also while the body is reduced at another density between two shape functions."""
     body = body_of(comm)
     reduced, cells = body.reduce(waves(body.domain)), np.arange(min(2, body.domain.n_cells))
-    options: dict[str, Any] = {"solver": solver, "batch": 1}
     expected = integral_derivatives(body, reduced, cells, solver=solver)
-    fields = [part.fields for part in mode_derivatives(body, reduced, cells, **options)]
+    fields = [part.fields for part in mode_derivatives(body, reduced, cells, solver=solver)]
     body.reduce(waves(body.domain, 1.0))
     derivatives = integral_derivatives(body, reduced, cells, solver=solver)
     for key in ("S", "G", "N", "K"):
         assert_same(comm, getattr(derivatives, key), getattr(expected, key))
-    for number, part in enumerate(mode_derivatives(body, reduced, cells, **options)):
+    for number, part in enumerate(mode_derivatives(body, reduced, cells, solver=solver)):
         assert_same(comm, part.fields, fields[number])
         body.reduce(waves(body.domain, 1.0 + number))
 
