@@ -1,35 +1,32 @@
 # SPDX-License-Identifier: MIT
 """Fields on a body in the plane or in space: designs, selected elements, stress, shape functions.
 
-Each picture is a page of panels. A panel is a view of one body, `_PlaneView` or `_SpaceView`, which
-draw the same things in matplotlib and by PyVista.
+Each picture is a page of panels, and each panel a canvas with the body.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import Normalize, to_rgba
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array, Integers, Mask
+from ..arrays import Array
 from ..design import density_field
 from ..fem import Domain, GatheredMesh, surface_of
 from ..parallel import announce, on_every_rank
 from ..part import Solid
 from ..postprocessing import StressEnvelope
 from ..reduction import FlexibleBody, ReducedBody
-from . import rendering, style
+from . import style
+from .canvas import canvas_class
+from .drawn_mesh import DrawnMesh, gathered_mesh
 from .mechanism_view import VOID
-from .scene import DrawnMesh, gathered_mesh
 
 if TYPE_CHECKING:
     import pyvista
@@ -38,9 +35,9 @@ if TYPE_CHECKING:
 _MODE_SIZE = 0.08
 #: Percentage of the solid cells whose stress has a colour of its own; larger ones share the last
 _STRESS_RANGE = 99.7
+#: Share of orange in the colour of elements that are selected
+_ORANGE = 0.45
 _SHADES = ScalarMappable(Normalize(0.0, 1.0), "gray_r")
-#: Transparent orange over elements that are selected
-_SELECTION = ScalarMappable(Normalize(0.0, 1.0), ListedColormap([(0.85, 0.51, 0.17, 0.45)]))
 
 
 def plot_design(
@@ -70,20 +67,22 @@ def plot_design(
         fields = [density_field(domain, density) for density in designs.values()]
         solid_and_void = [domain.on_rank_0(c) for c in (domain.solid_cells, domain.void_cells)]
 
-        def draw_surface(view: _SpaceView, panel: int) -> None:
-            level = fields[panel](view.mesh.points)
+        def draw(canvas: Any, panel: int) -> None:
+            level = fields[panel](mesh.points)
             for cells, value in zip(solid_and_void, (0.5, -0.5), strict=True):
-                level[np.unique(view.mesh.cells[cells])] = value
-            view.grid.point_data["level"] = level
-            material = view.grid.clip_scalar(scalars="level", value=0.0, invert=False)
+                level[np.unique(mesh.cells[cells])] = value
+            grid = mesh.grid()
+            grid.point_data["level"] = level
+            material = grid.clip_scalar(scalars="level", value=0.0, invert=False)
             if material.n_cells:
-                view.add_surface(surface_of(material).triangulate())
+                canvas.add_surface(surface_of(material).triangulate())
+    else:
+        densities = [domain.on_rank_0(density) for density in designs.values()]
 
-        return _write_page(path, mesh, list(designs), draw_surface, title, interfaces=True)
-    densities = [domain.on_rank_0(density) for density in designs.values()]
-
-    def draw(view: _PlaneView, panel: int) -> None:
-        view.add_cells(densities[panel], _SHADES)
+        def draw(canvas: Any, panel: int) -> None:
+            density = densities[panel]
+            move = canvas.add_cells(mesh, np.ones(len(density), dtype=bool))
+            move(mesh.points, _SHADES.to_rgba(density))
 
     return _write_page(path, mesh, list(designs), draw, title, interfaces=True)
 
@@ -122,12 +121,15 @@ def plot_gradient_elements(
         density = domain.on_rank_0(domain.check_density(x, name))
         panels.append((density, domain.on_rank_0(np.asarray(selected, dtype=bool))))
 
-    def draw(view: _PlaneView, panel: int) -> None:
-        density, selected = panels[panel]
-        view.add_cells(0.75 * density, _SHADES)
-        view.add_cells(density, _SELECTION, shown=selected)
+    mesh = gathered_mesh(domain)
 
-    return _write_page(path, DrawnMesh.of(domain), list(pairs), draw, title)
+    def draw(canvas: Any, panel: int) -> None:
+        density, selected = panels[panel]
+        colors = _SHADES.to_rgba(0.75 * density)
+        colors[selected] += _ORANGE * (to_rgba(style.ORANGE) - colors[selected])
+        canvas.add_cells(mesh, np.ones(len(density), dtype=bool))(mesh.points, colors)
+
+    return _write_page(path, mesh, list(pairs), draw, title)
 
 
 def plot_stress(
@@ -174,14 +176,20 @@ def plot_stress(
     top = float(np.percentile(solid_values, _STRESS_RANGE)) * factor or 1.0
     colors = ScalarMappable(Normalize(0.0, top), style.GLOW)
 
-    def draw(view: _View, panel: int) -> None:
-        view.add_cells(values, colors, shown)
-        view.mark_cell(int(np.argmax(np.where(shown, values, -np.inf))))
+    mesh = gathered_mesh(domain)
+
+    def draw(canvas: Any, panel: int) -> None:
+        canvas.add_cells(mesh, shown)(mesh.points, colors.to_rgba(values))
+        if isinstance(mesh, DrawnMesh):  # in space the cell may be hidden
+            largest = int(np.argmax(np.where(shown, values, -np.inf)))
+            x, y = mesh.points[mesh.pieces[mesh.parents == largest]].mean(axis=(0, 1))
+            look: dict[str, Any] = {"markersize": 11, "mfc": "none", "mec": style.DARK, "mew": 1.4}
+            canvas.axes.plot(x, y, "o", **look)
 
     ring = "" if domain.dimension == 3 else "○ "
     heading = f"{ring}largest: {solid_values.max() * factor:.3g} {unit}{instant}"
     bar = colors, f"von Mises stress [{unit}]"
-    return _write_page(path, gathered_mesh(domain), [heading], draw, title, color_bar=bar)
+    return _write_page(path, mesh, [heading], draw, title, color_bar=bar)
 
 
 def plot_modes(
@@ -204,13 +212,14 @@ def plot_modes(
     shown = body.domain.on_rank_0(reduced.density) >= VOID
     colors = ScalarMappable(Normalize(0.0, 1.0), "viridis")
 
-    def draw(view: _View, panel: int) -> None:
+    def draw(canvas: Any, panel: int) -> None:
         shape = shapes[:, :, panel]
         amount = np.linalg.norm(shape, axis=1)
         largest = float(amount.max()) or 1.0
         extent = float(np.max(np.ptp(mesh.points, axis=0)))
         scale = _sign(mesh.points, shape) * _MODE_SIZE * extent / largest
-        view.add_cells(amount / largest, colors, shown, displacement=scale * shape)
+        move = canvas.add_cells(mesh, shown, at_points=True)
+        move(mesh.points + scale * shape, colors.to_rgba(amount / largest))
 
     bar = colors, "displacement, relative to its maximum"
     page: dict[str, Any] = {"columns": 3, "margin": _MODE_SIZE, "color_bar": bar}
@@ -224,8 +233,8 @@ def draw_solid(solid: Solid, path: Path, title: str) -> Path:
         heading += f"   mass {solid.mass:.4g} kg"
     heading += f"   {solid.pieces} piece{'s' * (solid.pieces != 1)}"
 
-    def draw(view: _SpaceView, panel: int) -> None:
-        view.add_surface(solid.surface())
+    def draw(canvas: Any, panel: int) -> None:
+        canvas.add_surface(solid.surface())
 
     mesh = GatheredMesh.of(solid.body)
     return _write_page(path, mesh, [heading], draw, title, interfaces=True)
@@ -267,106 +276,6 @@ def mesh_grid(domain: Domain, fields: Mapping[str, ArrayLike]) -> pyvista.Unstru
     return grid
 
 
-class _PlaneView:
-    """A body in the plane, drawn into axes."""
-
-    def __init__(self, axes: Axes, mesh: DrawnMesh, box: Array, width: int) -> None:
-        self.axes, self.mesh = axes, mesh
-        axes.set(xlim=box[:, 0], ylim=box[:, 1])
-        self._add_lines(mesh.outline, style.GRAY, 1.0, order=0.5)
-
-    def add_cells(
-        self,
-        values: Array,
-        colors: ScalarMappable,
-        shown: Mask | None = None,
-        *,
-        displacement: Array | None = None,
-    ) -> None:
-        """Draw cells in the colours of their values; with a displacement, of values at points."""
-        mesh = self.mesh
-        pieces = np.ones(len(mesh.parents), bool) if shown is None else shown[mesh.parents]
-        corners = mesh.pieces[pieces]
-        if displacement is None:
-            points, values = mesh.points, values[mesh.parents[pieces]]
-        else:
-            points, values = mesh.points + displacement, values[corners].mean(axis=1)
-        faces = colors.to_rgba(values)
-        edges = {"edgecolors": "face", "linewidths": 0.4}
-        self.axes.add_collection(PolyCollection(points[corners], facecolors=faces, **edges))
-
-    def add_interfaces(self) -> None:
-        """Draw the interfaces in colour."""
-        for lines, color in zip(self.mesh.interfaces.values(), cycle(style.ACCENTS), strict=False):
-            self._add_lines(lines, color, 4.0)
-
-    def mark_cell(self, cell: int) -> None:
-        """Draw a ring around a cell."""
-        corners = self.mesh.pieces[self.mesh.parents == cell]
-        center = self.mesh.points[corners].mean(axis=(0, 1))
-        self.axes.plot(*center, "o", markersize=11, mfc="none", mec=style.DARK, mew=1.4)
-
-    def finish(self) -> None:
-        """Nothing is left to do."""
-
-    def _add_lines(self, lines: Integers, color: str, width: float, order: float = 2.0) -> None:
-        ends = self.mesh.points[lines]
-        look: dict[str, Any] = {"clip_on": False, "zorder": order}
-        self.axes.add_collection(LineCollection(ends, colors=color, linewidths=width, **look))
-
-
-class _SpaceView:
-    """A body in space, rendered into axes."""
-
-    def __init__(self, axes: Axes, mesh: GatheredMesh, box: Array, width: int) -> None:
-        self.axes, self.mesh = axes, mesh
-        self.grid = mesh.grid()
-        self._rendering = rendering.Rendering(_corners(box), width)
-        self._rendering.add_lines(rendering.feature_edges(self.grid))
-
-    def add_cells(
-        self,
-        values: Array,
-        colors: ScalarMappable,
-        shown: Mask,
-        *,
-        displacement: Array | None = None,
-    ) -> None:
-        """Draw cells in the colours of their values; with a displacement, of values at points."""
-        surface, points, cells = rendering.surface_of_cells(self.grid, np.flatnonzero(shown))
-        if displacement is None:
-            data, values = surface.cell_data, values[cells]
-        else:
-            data, values = surface.point_data, values[points]
-            surface.points = (self.mesh.points + displacement)[points]
-        data["rgb"] = colors.to_rgba(values, bytes=True)[:, :3]
-        self._rendering.add(surface, scalars="rgb", rgb=True)
-
-    def add_surface(self, surface: Any) -> None:
-        """Draw a surface in the colour of material."""
-        self._rendering.add(surface, color=rendering.MATERIAL)
-
-    def add_interfaces(self) -> None:
-        """Draw the interfaces in colour."""
-        surface = surface_of(self.grid)
-        number = np.asarray(surface["vtkOriginalPointIds"])
-        for points, color in zip(self.mesh.interfaces.values(), cycle(style.ACCENTS), strict=False):
-            faces = surface.extract_points(np.flatnonzero(points[number]), adjacent_cells=False)
-            if faces.n_cells:
-                self._rendering.add(self._rendering.nearer(faces), color=color)
-
-    def mark_cell(self, cell: int) -> None:
-        """Nothing: the cell may be hidden."""
-
-    def finish(self) -> None:
-        """Render the view."""
-        self.axes.imshow(self._rendering.picture(), interpolation="antialiased")
-        self._rendering.close()
-
-
-_View = _PlaneView | _SpaceView
-
-
 def _write_page(
     path: Path,
     mesh: DrawnMesh | GatheredMesh,
@@ -379,58 +288,43 @@ def _write_page(
     interfaces: bool = False,
     color_bar: tuple[ScalarMappable, str] | None = None,
 ) -> Path:
-    """Write a page with a view of a body below each heading, drawn by ``draw_panel(view, panel)``.
+    """Write a page with a body below each heading, drawn by ``draw_panel(canvas, panel)``.
 
     The ``margin`` around the body is relative to its extent.
     """
+    canvas_of_body = canvas_class(mesh.domain.dimension)
 
     def draw(file: Path) -> None:
-        low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
-        around = margin * float(np.max(high - low))
-        box = np.array([low - around, high + around])
-        view_of: Any = _PlaneView
-        aspect = float(np.divide(*np.ptp(box, axis=0)[1::-1]))
-        if isinstance(mesh, GatheredMesh):
-            view_of, aspect = _SpaceView, rendering.aspect(_corners(box))
-        below = 0.7 if color_bar or interfaces else 0.0
-        page: dict[str, Any] = {"title": title, "columns": columns, "margin": below}
-        with style.page(file, headings, aspect, **page) as panels:
+        width = style.WIDTH if columns == 1 else 12.0
+        points = canvas_of_body.project(mesh.points)
+        with style.page(file, headings, title=title, width=width, columns=columns) as panels:
             for panel, axes in enumerate(panels):
-                view = view_of(axes, mesh, box, rendering.PIXELS // columns)
-                draw_panel(view, panel)
+                canvas: Any = canvas_of_body(axes, points, margin)
+                canvas.add_outline(mesh, style.GRAY)
+                draw_panel(canvas, panel)
                 if interfaces:
-                    view.add_interfaces()
-                view.finish()
+                    canvas.add_interfaces(mesh, style.accents(mesh.interfaces), 4.0)
+                canvas.refresh()
+                canvas.close()
             if color_bar is not None:
                 style.add_color_bar(panels, *color_bar)
             if interfaces:
-                shades = {"void": "white", "solid": "black"} if view_of is _PlaneView else {}
+                shades = {"void": "white", "solid": "black"} if points is mesh.points else {}
                 names = {**shades, **style.accents(mesh.interfaces)}
                 style.add_legend(panels[-1], names, style.extent(mesh.points))
 
     return style.written(mesh.domain.comm, path, draw)
 
 
-def _corners(box: Array) -> Array:
-    """Corners of a box (2, 3), shape (8, 3)."""
-    return np.array(np.meshgrid(*box.T)).reshape(3, -1).T
-
-
 def _mode_names(body: FlexibleBody, reduced: ReducedBody) -> list[str]:
     """A heading for each shape function."""
-    names = []
+    names, d = [], body.domain.dimension
     for interface, motions in body.reduction.motions.items():
-        translations = 2 if body.domain.dimension == 2 else 3
         for motion in motions:
-            rotates = bool(np.any(motion[translations:]))
-            if body.domain.dimension == 2:
-                words = f"rotation of {interface!r}"
-            else:
-                axis = motion[3:] if rotates else motion[:3]
-                words = f"rotation of {interface!r} about {_direction(axis)}"
-            if not rotates:
-                direction = _direction(motion[:translations])
-                words = f"displacement of {interface!r} along {direction}"
+            words = f"displacement of {interface!r} along {_direction(motion[:d])}"
+            if np.any(motion[d:]):
+                about = f" about {_direction(motion[d:])}" if d == 3 else ""
+                words = f"rotation of {interface!r}{about}"
             names.append(f"static: {words}")
     frequencies = reduced.basis.frequencies
     return names + [f"normal {i}: {f:.4g} Hz" for i, f in enumerate(frequencies, 1)]

@@ -1,21 +1,26 @@
 # SPDX-License-Identifier: MIT
-"""A mechanism in the plane in matplotlib axes: bodies, cranks, joints, supports."""
+"""A mechanism in the plane or in space, drawn at an instant: bodies, cranks, joints, supports.
+
+Bodies are drawn by a canvas, and all signs by matplotlib at projected points, so that joints look
+alike in the plane and in space.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from ..arrays import Array
-from ..mechanism import Ground, Joint, Line, Slider, Spring, Symbol
+from ..mechanism import Ground, Joint, Line, Marker, Slider, Spring, Symbol
+from .canvas import canvas_class
 from .scene import Arm, DrawnBody, Scene
 from .style import DARK, GRAY, LABEL, LIGHT, STEEL
 
@@ -29,7 +34,7 @@ class MechanismView:
     """Artists of a mechanism, which `show` moves to an instant.
 
     The ``colors`` are those of the `DrawnBody.cell_values`; ``labels`` writes the names of bodies
-    and joints. `MechanismInSpace` draws the same things by PyVista.
+    and joints.
     """
 
     def __init__(
@@ -43,60 +48,51 @@ class MechanismView:
     ) -> None:
         self.axes, self.scene, self.magnification = axes, scene, magnification
         self.colors = colors
-        self.moving: list[Artist] = []  #: Artists that `show` changes, from back to front
         self._updates: list[Callable[[int], None]] = []
-        axes.set_axis_off()
-        self.unit = self._begin(scene.visible_points(magnification))  #: Size of a pin [m]
-        for i, joint in enumerate(scene.mechanism.joints):
-            for symbol in joint.symbols:
-                self._add_symbol(symbol)
-            self._add_axis(joint)
-            if i in scene.arms:
-                self._add_arm(scene.arms[i])
-        for force in scene.mechanism.forces:
-            for symbol in force.symbols:
-                self._add_symbol(symbol)
+        canvas = canvas_class(scene.dimension)
+        self.canvas = canvas(axes, scene.visible_points(magnification, canvas.project), _MARGIN)
+        self.unit = _PIN * self.canvas.extent  #: Size of a pin [m]
+        connections = (*scene.mechanism.joints, *scene.mechanism.forces)
+        for symbol in (symbol for connection in connections for symbol in connection.symbols):
+            self._add_symbol(symbol)
+        for joint in scene.mechanism.joints:
+            if scene.dimension == 3 and joint.symbols:
+                self._add_axis(joint)
+        for arm in scene.arms.values():
+            self._add_arm(arm)
         for body in scene.bodies.values():
             if body.mesh is None:
                 self._add_bar(body)
             else:
                 self._add_mesh(body, body.mesh)
-        self._end(labels)
-        self.moving.sort(key=lambda artist: artist.get_zorder())
-
-    @staticmethod
-    def aspect(points: Array) -> float:
-        """Height of the axes divided by their width, where all ``points`` are shown."""
-        extent = np.ptp(points, axis=0)
-        width, height = extent + 2.0 * _MARGIN * np.max(extent)
-        return float(height / width)
+        self._add_signs()
+        if labels:
+            self._add_labels()
 
     def show(self, instant: int) -> None:
         """Move everything to an instant."""
         for update in self._updates:
             update(instant)
+        self.canvas.refresh()
 
-    def close(self) -> None:
-        """Nothing is to be freed."""
+    def _place(self, marker: Marker, instant: int) -> Array:
+        """Where a marker is drawn, in the plane of the picture, shape (2,) [m]."""
+        position = self.scene.position(marker, instant, self.magnification)
+        return self.canvas.project(position)
 
-    def _begin(self, points: Array) -> float:
-        """Show all points (n, d) [m] in the axes; returns the size of a pin [m]."""
-        low, high = points.min(axis=0), points.max(axis=0)
-        extent = float(np.max(high - low))
-        low, high = low - _MARGIN * extent, high + _MARGIN * extent
-        self.axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        return _PIN * extent
+    def _points(self, body: DrawnBody, instant: int) -> Array:
+        """Where the points of a body are drawn, in the plane of the picture, shape (n, 2) [m]."""
+        return self.canvas.project(body.points(instant, self.magnification))
 
-    def _end(self, labels: bool) -> None:
-        self._add_pins()
-        if labels:
-            self._add_labels()
+    def _direction(self, direction: Sequence[float], marker: Marker, instant: int) -> Array:
+        """A direction in the axes of a marker, of length one in the picture, shape (2,)."""
+        in_space = self.scene.axes(marker, instant)[:, : len(direction)] @ np.array(direction)
+        return _unit(self.canvas.project(in_space))
 
     def _add(self, artist: Artist, update: Callable[[int], None] | None = None) -> None:
-        """Add an artist; one with an update is drawn anew at every instant."""
+        """Add an artist, with an update that moves it to an instant."""
         self.axes.add_artist(artist)
         if update is not None:
-            self.moving.append(artist)
             self._updates.append(update)
 
     def _add_symbol(self, symbol: Symbol) -> None:
@@ -109,115 +105,119 @@ class MechanismView:
         else:
             for marker in symbol.markers:
                 if isinstance(marker, Ground):
-                    self._add_support(self.scene.position(marker, 0))
+                    self._add_support(self._place(marker, 0))
 
     def _add_axis(self, joint: Joint) -> None:
-        """Nothing: the axis points out of the picture."""
+        """Draw the axis of a joint in space, in the axes of its last marker, as a line."""
+        axis, marker = getattr(joint, "axis", getattr(joint, "normal", None)), joint.markers[-1]
+        if not isinstance(axis, tuple):
+            return
+        line = Line2D([], [], color=DARK, linewidth=2.0, linestyle=(0, (4, 1, 1, 1)), zorder=1.9)
+
+        def move(instant: int) -> None:
+            direction = np.array(axis) / np.linalg.norm(axis)
+            half = (
+                3.0 * self.unit * self.canvas.project(self.scene.axes(marker, instant) @ direction)
+            )
+            place = self._place(marker, instant)
+            line.set_data(*np.array([place - half, place + half]).T)
+
+        self._add(line, move)
 
     def _add_mesh(self, body: DrawnBody, mesh: Any) -> None:
-        """Draw the cells that are not void, and the outline of the whole body."""
-        shown = body.density[mesh.parents] >= VOID
-        pieces, parents = mesh.pieces[shown], mesh.parents[shown]
-        rigid = np.concatenate([mesh.outline[:0], *mesh.interfaces.values()])
-        colors: dict[str, Any] = {"cmap": self.colors.cmap, "norm": self.colors.norm}
-        look: dict[str, Any] = {"edgecolors": "face", "linewidths": 0.5, "zorder": 5}
-        outline = LineCollection([], colors=LIGHT, linewidths=1.0, zorder=4)
-        cells = PolyCollection([], **colors, **look)
-        ends = LineCollection([], colors=STEEL, linewidths=3.0, capstyle="projecting", zorder=5.5)
+        """Draw the cells that are not void, the outline of the whole body, and its interfaces."""
+        move_outline = self.canvas.add_outline(mesh, LIGHT)
+        move_cells = self.canvas.add_cells(mesh, body.density >= VOID)
+        ends = dict.fromkeys(mesh.interfaces, STEEL)
+        move_interfaces = self.canvas.add_interfaces(mesh, ends, 3.0)
 
         def move(instant: int) -> None:
             points = body.points(instant, self.magnification)
-            outline.set_segments(points[mesh.outline])
-            cells.set_verts(points[pieces])
-            cells.set_array(body.cell_values(instant)[parents])
-            ends.set_segments(points[rigid])
+            move_outline(points)
+            move_cells(points, self.colors.to_rgba(body.cell_values(instant)))
+            move_interfaces(points)
 
-        self._add(outline, move)
-        self._add(cells, lambda instant: None)  # moved with the outline
-        self._add(ends, lambda instant: None)
+        self._updates.append(move)
 
     def _add_bar(self, body: DrawnBody) -> None:
         """Draw a body without a mesh as a bar through its markers."""
-        bar = Line2D([], [], color=STEEL, linewidth=7.0, solid_capstyle="round", zorder=4)
+        bar = Line2D([], [], color=STEEL, linewidth=7.0, solid_capstyle="round", zorder=0.9)
 
         def move(instant: int) -> None:
-            points = body.points(instant, self.magnification)
+            points = self._points(body, instant)
             closed = np.vstack([points, points[:1]]) if len(points) > 2 else points
             bar.set_data(*closed.T)
 
         self._add(bar, move)
 
     def _add_arm(self, arm: Arm) -> None:
-        self._add(Line2D(*arm.ring.T, color=LIGHT, linewidth=1.0, linestyle="--", zorder=1))
-        self._add_support(arm.center)
-        bar = Line2D([], [], color=STEEL, linewidth=9.0, solid_capstyle="round", zorder=3)
+        ring, center = self.canvas.project(arm.ring), self.canvas.project(arm.center)
+        self._add(Line2D(*ring.T, color=LIGHT, linewidth=1.0, linestyle="--", zorder=0.1))
+        self._add_support(center)
+        bar = Line2D([], [], color=STEEL, linewidth=9.0, solid_capstyle="round", zorder=0.8)
 
         def move(instant: int) -> None:
-            bar.set_data(*np.array([arm.center, self.scene.position(arm.marker, instant)]).T)
+            bar.set_data(*np.array([center, self._place(arm.marker, instant)]).T)
 
         self._add(bar, move)
 
     def _add_support(self, top: Array) -> None:
         """Draw the triangle that stands for the ground, hatched below."""
         corners = top + self.unit * np.array([[0.0, 0.0], [-1.1, -1.9], [1.1, -1.9]])
-        self._add(Polygon(corners, facecolor="#eef1f4", edgecolor=DARK, linewidth=1.2, zorder=2))
+        self._add(Polygon(corners, facecolor="#eef1f4", edgecolor=DARK, linewidth=1.2, zorder=0.4))
         self._add_hatching(*(top + self.unit * np.array([[-1.7, -1.9], [1.7, -1.9]])))
 
     def _add_hatching(self, start: Array, end: Array) -> None:
         """Draw a line of the ground, which lies to the right of the way from start to end."""
         length = float(np.linalg.norm(end - start))
-        along = (end - start) / length
+        along = _unit(end - start)
         count = max(2, round(length / (0.55 * self.unit)))
         tops = start + (np.arange(count)[:, None] + 0.8) / count * (end - start)
-        down = np.array([along[1], -along[0]])
-        strokes = np.stack([tops, tops + 0.55 * self.unit * (down - along)], axis=1)
-        self._add(LineCollection(strokes, colors=GRAY, linewidths=0.8, zorder=1.5))
-        self._add(Line2D(*np.array([start, end]).T, color=DARK, linewidth=1.2, zorder=2))
+        strokes = np.stack([tops, tops - 0.55 * self.unit * (_normal(along) + along)], axis=1)
+        self._add(LineCollection(strokes, colors=GRAY, linewidths=0.8, zorder=0.3))
+        self._add(Line2D(*np.array([start, end]).T, color=DARK, linewidth=1.2, zorder=0.4))
 
     def _add_link(self, symbol: Symbol, waves: int = 0) -> None:
         """Draw a line between two markers, with waves if it is a spring."""
         first, last = symbol.markers
         positions = np.r_[0.0, np.linspace(0.2, 0.8, 2 * waves), 1.0]  # shares of the length
         offsets = np.r_[0.0, 0.6 * self.unit * (-1.0) ** np.arange(2 * waves), 0.0]
-        line = Line2D([], [], color=DARK, linewidth=1.2 if waves else 2.4, zorder=5)
+        line = Line2D([], [], color=DARK, linewidth=1.2 if waves else 2.4, zorder=1.4)
 
         def move(instant: int) -> None:
-            start = self.scene.position(first, instant, self.magnification)
-            along = self.scene.position(last, instant, self.magnification) - start
+            start = self._place(first, instant)
+            along = self._place(last, instant) - start
             points = np.outer(along, positions) + np.outer(_normal(_unit(along)), offsets)
             line.set_data(*(start[:, None] + points))
 
         self._add(line, move)
 
     def _add_slider(self, slider: Slider) -> None:
-        """Draw the block and, where the line stands still, the guide under it."""
+        """Draw a block that slides along a line, and the guide if the line is on the ground."""
         point, line = slider.markers
         half = np.array([2.6, 1.25]) * self.unit
         corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        block = Polygon(corners, facecolor="#b6bec8", edgecolor=DARK, linewidth=1.2, zorder=2.5)
-
-        def direction(instant: int) -> Array:
-            return self.scene.axes(line, instant) @ _unit(np.array(slider.direction))
+        block = Polygon(corners, facecolor="#b6bec8", edgecolor=DARK, linewidth=1.2, zorder=0.5)
 
         def move(instant: int) -> None:
-            along = direction(instant)
-            center = self.scene.position(point, instant, self.magnification)
-            block.set_xy(center + corners @ np.array([along, _normal(along)]))
+            along = self._direction(slider.direction, line, instant)
+            block.set_xy(self._place(point, instant) + corners @ np.array([along, _normal(along)]))
 
-        if isinstance(line, Ground):
-            along = direction(0)
-            if along[0] < -1e-9:
-                along = -along  # the ground lies below
-            origin = np.array(line.position)
-            path = [self.scene.position(point, i) for i in range(len(self.scene.steps))]
-            distances = (np.array(path) - origin) @ along
-            start = origin - half[1] * _normal(along)
-            low, high = distances.min() - 1.15 * half[0], distances.max() + 1.15 * half[0]
-            self._add_hatching(start + low * along, start + high * along)
         self._add(block, move)
+        if not isinstance(line, Ground):
+            return
+        along = self._direction(slider.direction, line, 0)
+        if along[0] < -1e-9:
+            along = -along  # the ground lies below
+        origin = self._place(line, 0)
+        instants = range(len(self.scene.steps))
+        distances = [(self._place(point, i) - origin) @ along for i in instants]
+        start = origin - half[1] * _normal(along)
+        low, high = min(distances) - 1.15 * half[0], max(distances) + 1.15 * half[0]
+        self._add_hatching(start + low * along, start + high * along)
 
-    def _add_pins(self) -> None:
-        """Draw the signs of joints, and point masses as discs."""
+    def _add_signs(self) -> None:
+        """Draw pins and squares of joints, and point masses as discs."""
         mechanism = self.scene.mechanism
         symbols = [symbol for joint in mechanism.joints for symbol in joint.symbols]
         on_sliders = [symbol.markers[0] for symbol in symbols if isinstance(symbol, Slider)]
@@ -232,19 +232,19 @@ class MechanismView:
             elif symbol.sign == "square":
                 self._add_sign("s", 8.5, GRAY, symbol.markers)
 
-    def _add_sign(self, shape: str, size: float, color: str, markers: Any) -> None:
+    def _add_sign(self, shape: str, size: float, color: str, markers: Sequence[Marker]) -> None:
         look: dict[str, Any] = {"marker": shape, "ms": size, "mfc": color, "mec": DARK, "mew": 1.4}
-        sign = Line2D([], [], linestyle="none", zorder=6, **look)
+        sign = Line2D([], [], linestyle="none", zorder=2.0, **look)
 
         def move(instant: int) -> None:
-            x, y = self.scene.place_of(markers, instant, self.magnification)
+            x, y = self._place(_marker_on_body(markers), instant)
             sign.set_data([x], [y])
 
         self._add(sign, move)
 
     def _add_labels(self) -> None:
         """Write names beside bodies and joints, clear of all bodies, at the first instant."""
-        shapes = {name: b.points(0, self.magnification) for name, b in self.scene.bodies.items()}
+        shapes = {name: self._points(body, 0) for name, body in self.scene.bodies.items()}
         points = np.concatenate(list(shapes.values()))
         for name, shape in shapes.items():
             middle = 0.5 * (shape.min(axis=0) + shape.max(axis=0))
@@ -256,13 +256,11 @@ class MechanismView:
             name = getattr(joint, "name", "")
             if i in self.scene.arms:
                 name = name or self.scene.arms[i].marker.name
-            place = self.scene.place_of(joint.markers, 0, self.magnification)
+            place = self._place(_marker_on_body(joint.markers), 0)
             slides = any(isinstance(symbol, Slider) for symbol in joint.symbols)
             if slides or any(isinstance(marker, Ground) for marker in joint.markers):
-                # below the block or the support
-                self._write(
-                    name, place - [0.0, 1.7 * self.unit], np.array([0.0, -1.0]), place[None]
-                )
+                below = place - [0.0, 1.7 * self.unit]  # the block or the support
+                self._write(name, below, np.array([0.0, -1.0]), place[None])
             else:
                 self._write(name, place, np.array([0.0, 1.0]), points)
 
@@ -274,7 +272,12 @@ class MechanismView:
         x, y = start + (reach + 1.6 * self.unit) * direction
         side = "center" if abs(direction[0]) < 0.5 else "left" if direction[0] > 0.0 else "right"
         look: dict[str, Any] = {"ha": side, "va": "center", "bbox": {**LABEL, "alpha": 0.8}}
-        self.axes.text(x, y, text, zorder=7, **look)
+        self.axes.text(x, y, text, zorder=3.0, **look)
+
+
+def _marker_on_body(markers: Sequence[Marker]) -> Marker:
+    """The first marker that is on a body, or else the first."""
+    return next((marker for marker in markers if isinstance(marker, tuple)), markers[0])
 
 
 def _unit(vector: Array) -> Array:

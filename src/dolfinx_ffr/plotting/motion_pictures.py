@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import shapely
-from matplotlib.artist import Artist
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 from shapely.geometry.base import BaseGeometry
 
@@ -28,7 +26,6 @@ from ..arrays import Array
 from ..fem import Domain
 from ..problem import Evaluation, Problem
 from . import style
-from .in_space import MechanismInSpace
 from .mechanism_view import VOID, MechanismView
 from .part_view import STEEL, outline_path
 from .scene import Scene
@@ -37,11 +34,12 @@ from .scene import Scene
 _DEFLECTION = 0.1
 #: Instants that are evaluated from one picture of a film to the next, where the time steps are few
 BETWEEN = 10
-#: Width of pictures and films, and height of the curve below a film [inches]
-_WIDTH, _CURVE = 9.0, 1.2
-
-#: A picture, shape (height, width, 3)
-Picture = NDArray[np.uint8]
+#: Width of scenes and films [inches]
+_WIDTH = 9.0
+#: Parts of red, green and blue above which a colour of a film is white, as its background
+_WHITE = 240
+#: Height of the curve below a film divided by its width
+_CURVE = 0.13
 
 
 def plot_scene(
@@ -89,21 +87,18 @@ def plot_scene(
     scene = Scene.gather(problem, evaluation, np.array([step]), energy=color == "energy")
 
     def draw(file: Path) -> None:
-        scale, view_of = 1.0, _view_class(scene)
+        scale = 1.0
         # black hides the shading of bodies in space
         darkest = 2.5 if scene.dimension == 3 else 1.15
         colors, label = ScalarMappable(Normalize(-0.15, darkest), "gray_r"), ""
         if color == "energy":
             scale = _visible_magnification(scene)
             colors, label = _energy_colors(scene)
-        height = _height(view_of, scene, scale) + (0.9 if label else 0.3)
-        with style.styled_figure(_WIDTH, height, file) as figure:
-            axes = figure.subplots()
-            view = view_of(axes, scene, scale, colors, labels=True)
+        heading = f"{_heading(title, scale)}   t = {scene.times[0]:.3f} s"
+        with style.page(file, [heading], width=_WIDTH) as (axes,):
+            view = MechanismView(axes, scene, scale, colors, labels=True)
             view.show(0)
-            view.close()
-            heading = f"{_heading(title, scale)}   t = {scene.times[0]:.3f} s"
-            axes.set_title(heading, loc="left")
+            view.canvas.close()
             if label:
                 _add_energy_bar(axes, label)
 
@@ -155,8 +150,7 @@ def animate_motion(
     scene = Scene.gather(problem, evaluation, steps, energy=True)
 
     def draw(file: Path) -> None:
-        pictures = list(_motion_pictures(scene, list(problem.flexible), title))
-        _write_film(pictures, file, rate)
+        _film_motion(scene, list(problem.flexible), title, file, rate)
 
     return style.written(problem.comm, path, draw)
 
@@ -187,12 +181,7 @@ def animate_boundary(
     low, high = (corner[:2] for corner in body.bounding_box)
 
     def draw(file: Path) -> None:
-        width, height = high - low
-        with _film_figure(np.clip((_WIDTH - 0.4) * height / width, 1.0, 6.0) + 0.3) as (
-            figure,
-            axes,
-            below,
-        ):
+        with _film(file, 5.0) as (axes, below, add_pictures):
             axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
             axes.set_axis_off()
 
@@ -202,21 +191,20 @@ def animate_boundary(
             dashes: Any = {"fill": False, "edgecolor": style.GRAY, "lw": 0.6, "linestyle": "--"}
             add_outline(shapely.box(*low, *high), **dashes)
             material = add_outline(materials[0], facecolor=STEEL, edgecolor=style.DARK, lw=0.8)
-            start = add_outline(materials[0], fill=False, edgecolor=style.RED, lw=0.5, alpha=0.7)
-            heading = axes.set_title(" ", loc="left")
+            add_outline(materials[0], fill=False, edgecolor=style.RED, lw=0.5, alpha=0.7)
             shares = values / values[0]
             below.set(xlim=(0.0, max(len(shares) - 1.0, 1.0)), xlabel="step of the boundary")
+            below.set_title("psi / psi of the first step", loc="left", fontsize=9.5)
             dot = _add_curve(below, np.arange(float(len(shares))), shares)
 
             def update(step: int) -> None:
                 material.set_path(outline_path(materials[step]))
                 dot.set_data([step], [shares[step]])
-                heading.set_text(f"step {step}: psi is {shares[step]:.4f} of the first")
+                axes.set_title(f"step {step}: psi is {shares[step]:.4f} of the first")
 
-            moving = [material, start, dot, heading]
-            pictures = list(_pictures(figure, moving, len(materials), update))
-        # the start and the end are shown for a while
-        _write_film([pictures[0]] * 3 + pictures + [pictures[-1]] * 6, file, 5.0)
+            # the start and the end are shown for a while
+            last = len(materials) - 1
+            add_pictures([0] * 3 + [*range(len(materials))] + [last] * 6, update)
 
     return style.written(body.comm, path, draw)
 
@@ -228,20 +216,18 @@ def _check(what: str, problem: Problem, evaluation: Evaluation) -> None:
     problem.refuse_foreign(evaluation)
 
 
-def _motion_pictures(scene: Scene, flexible: list[str], title: str) -> Iterator[Picture]:
-    """Pictures of a mechanism in motion."""
-    scale, view_of = _visible_magnification(scene), _view_class(scene)
+def _film_motion(scene: Scene, flexible: list[str], title: str, file: Path, rate: float) -> None:
+    """Write a film of a mechanism in motion."""
+    scale = _visible_magnification(scene)
     trajectory = scene.trajectory
     energy = trajectory.strain_energy if flexible else trajectory.kinetic_energy
     total = np.sum([energy(name) for name in flexible or scene.bodies], axis=0)
     unit, factor = style.prefixed(float(np.max(total)), "J")
     t, total = trajectory.t, total * factor
 
-    height = _height(view_of, scene, scale) + (0.6 if flexible else 0.0)
-    with _film_figure(height) as (figure, axes, below):
+    with _film(file, rate) as (axes, below, add_pictures):
         colors, label = _energy_colors(scene)
-        view = view_of(axes, scene, scale, colors)
-        heading = axes.set_title(" ", loc="left")
+        view = MechanismView(axes, scene, scale, colors)
         if flexible:
             _add_energy_bar(axes, label)
         top = max(1.12 * float(np.max(total)), 1e-300)
@@ -253,21 +239,67 @@ def _motion_pictures(scene: Scene, flexible: list[str], title: str) -> Iterator[
         def update(instant: int) -> None:
             step = scene.steps[instant]
             view.show(instant)
-            heading.set_text(f"{_heading(title, scale)}   t = {t[step]:.2f} s")
+            axes.set_title(f"{_heading(title, scale)}   t = {t[step]:.2f} s")
             dot.set_data([t[step]], [total[step]])
 
-        yield from _pictures(figure, [*view.moving, dot, heading], len(scene.steps), update)
-        view.close()
+        add_pictures(range(len(scene.steps)), update)
+        view.canvas.close()
+
+
+#: Adds pictures of some instants to a film; the update of each changes the figure
+AddPictures = Callable[[Sequence[int], Callable[[int], None]], None]
 
 
 @contextmanager
-def _film_figure(height: float) -> Iterator[tuple[Figure, Axes, Axes]]:
-    """Figure of a film, with axes of a height [inches] and those of a curve below."""
-    with style.styled_figure(_WIDTH, height + _CURVE + 0.4, dpi=100.0) as figure:
-        axes, below = figure.subplots(2, 1, gridspec_kw={"height_ratios": (height, _CURVE)})
-        style.tidy(below)
+def _film(file: Path, rate: float) -> Iterator[tuple[Axes, Axes, AddPictures]]:
+    """Axes of a film with so many pictures a second, axes of a curve below, and its writer."""
+    writer = GifWriter(rate)
+    if file.suffix.lower() == ".mp4":
+        writer = FFMpegWriter(rate)
+    with style.styled_figure(_WIDTH, 1.7 * _WIDTH, dpi=100.0) as figure:
+        axes, below = figure.subplots(2, 1)
+        below.set_box_aspect(_CURVE)
         below.locator_params(axis="y", nbins=3)
-        yield figure, axes, below
+        style.tidy(below)
+
+        def add_pictures(instants: Sequence[int], update: Callable[[int], None]) -> None:
+            update(instants[0])
+            style.fit_height(figure, [axes, below])
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+            with writer.saving(figure, file, figure.dpi):
+                for instant in instants:
+                    update(instant)
+                    writer.grab_frame()
+
+        yield axes, below, add_pictures
+
+
+class GifWriter(AbstractMovieWriter):
+    """Writes an animated GIF with one palette, so that resting parts do not flicker."""
+
+    def setup(self, figure: Figure, outfile: Any, dpi: float | None = None) -> None:
+        super().setup(figure, outfile, dpi)
+        self.pictures: list[Image.Image] = []
+
+    def grab_frame(self, **_: Any) -> None:
+        canvas: Any = self.fig.canvas
+        canvas.draw()
+        self.pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
+
+    def finish(self) -> None:
+        """Write the file."""
+        sample = self.pictures[:: max(1, len(self.pictures) // 8)]
+        stacked = Image.fromarray(np.vstack([np.asarray(picture) for picture in sample]))
+        palette = stacked.quantize(256, method=Image.Quantize.MEDIANCUT)
+        colors = np.reshape(palette.getpalette(), (-1, 3))
+        colors[colors.min(axis=1) > _WHITE] = 255
+        palette.putpalette(colors.ravel().tolist())
+        dither = Image.Dither.NONE
+        first, *rest = [p.quantize(palette=palette, dither=dither) for p in self.pictures]
+        duration = max(20, round(1000.0 / self.fps))
+        options: dict[str, Any] = {"loop": 0, "optimize": False, "duration": duration}
+        first.save(self.outfile, save_all=True, append_images=rest, **options)
 
 
 def _add_curve(axes: Axes, x: Array, y: Array) -> Any:
@@ -275,34 +307,6 @@ def _add_curve(axes: Axes, x: Array, y: Array) -> Any:
     axes.plot(x, y, color=style.BLUE, linewidth=1.2)
     (dot,) = axes.plot([], [], "o", color=style.RED, markersize=6.0, clip_on=False)
     return dot
-
-
-def _pictures(
-    figure: Figure, moving: Sequence[Artist], count: int, update: Callable[[int], None]
-) -> Iterator[Picture]:
-    """Pictures of a figure, of which ``update(picture)`` changes the ``moving`` artists only."""
-    for artist in moving:
-        artist.set_animated(True)
-    canvas: Any = figure.canvas
-    canvas.draw()
-    background = canvas.copy_from_bbox(figure.bbox)
-    for picture in range(count):
-        canvas.restore_region(background)
-        update(picture)
-        for artist in moving:
-            figure.draw_artist(artist)
-        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _view_class(scene: Scene) -> type[MechanismView]:
-    """The class that draws scenes in the plane or in space."""
-    return MechanismView if scene.dimension == 2 else MechanismInSpace
-
-
-def _height(view_of: type[MechanismView], scene: Scene, magnification: float) -> float:
-    """Height of axes [inches] that fit all that is drawn."""
-    aspect = view_of.aspect(scene.visible_points(magnification))
-    return float(np.clip(_WIDTH * aspect, 1.0, 7.0))
 
 
 def _visible_magnification(scene: Scene) -> float:
@@ -339,44 +343,9 @@ def _add_energy_bar(axes: Axes, label: str) -> None:
 def _film_path(path: str | Path, title: str = "") -> Path:
     """Check the path of a film."""
     path = style.writable(path, title, (".gif", ".mp4"))
-    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
+    if path.suffix.lower() == ".mp4" and not FFMpegWriter.isAvailable():
         raise ValueError(
             f"picture {str(path)!r}: .mp4 needs the program ffmpeg, which is not there; install it "
             "(apt-get install ffmpeg) or end the name in .gif"
         )
     return path
-
-
-def _write_film(pictures: list[Picture], path: Path, rate: float) -> None:
-    """Write pictures as a film with so many pictures a second."""
-    write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
-    write(pictures, path, rate)
-
-
-def _write_gif(pictures: list[Picture], path: Path, rate: float) -> None:
-    """Write an animated GIF with one palette, so that resting parts do not flicker."""
-    glow = np.round(255.0 * style.GLOW(np.linspace(0.0, 1.0, 120))[:, :3])
-    grays = np.repeat(np.round(np.linspace(0.0, 255.0, 40))[:, None], 3, axis=1)
-    sample = Image.fromarray(np.vstack(pictures[:: max(1, len(pictures) // 8)]))
-    colors = sample.quantize(96, method=Image.Quantize.MEDIANCUT).getpalette() or []
-    common = np.reshape(colors, (-1, 3))[:96]
-    common[common.min(axis=1) > 240] = 255  # the background stays white
-    palette = Image.new("P", (1, 1))
-    palette.putpalette([*np.vstack([grays, glow, common]).astype(int).ravel()])
-    flat: dict[str, Any] = {"palette": palette, "dither": Image.Dither.NONE}
-    images = [Image.fromarray(picture).quantize(**flat) for picture in pictures]
-    options: dict[str, Any] = {"append_images": images[1:], "loop": 0, "optimize": False}
-    images[0].save(path, save_all=True, duration=max(20, round(1000.0 / rate)), **options)
-
-
-def _write_mp4(pictures: list[Picture], path: Path, rate: float) -> None:
-    """Write a film by ffmpeg, which takes even numbers of pixels."""
-    height, width = (size // 2 * 2 for size in pictures[0].shape[:2])
-    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
-    command += ["-s", f"{width}x{height}", "-r", f"{rate:g}", "-i", "-"]
-    command += ["-an", "-pix_fmt", "yuv420p", str(path)]
-    film = b"".join(picture[:height, :width].tobytes() for picture in pictures)
-    result = subprocess.run(command, input=film, capture_output=True, check=False)
-    if result.returncode:
-        message = result.stderr.decode(errors="replace").strip()
-        raise RuntimeError(f"ffmpeg could not write {path}: {message}")

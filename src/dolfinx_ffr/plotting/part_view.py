@@ -21,15 +21,15 @@ from ..arrays import Array
 from ..fem import polygon
 from ..part import Part, Solid, Width
 from . import style
+from .drawn_mesh import DrawnMesh
 from .fields import draw_solid
-from .scene import DrawnMesh
 
 #: Color of the material
 STEEL = "#8fa3b5"
 #: Of the floors of pockets, which are thinner
 WEB = "#dbe3ea"
-#: Width and height of the picture of a detail [inches]
-_DETAIL = np.array([5.0, 2.6])
+#: Width and height of the picture of a detail, relative to its height
+_DETAIL = np.array([1.92, 1.0])
 
 
 def plot_part(part: Part | Solid, path: str | Path, *, title: str = "") -> Path:
@@ -48,12 +48,10 @@ def plot_part(part: Part | Solid, path: str | Path, *, title: str = "") -> Path:
     low, high = part.body.bounding_box  # collective where it is asked for the first time
 
     def draw(file: Path) -> None:
-        size = high - low
-        height = 10.4 * min(size[1] / size[0], 1.25)
-        with style.styled_figure(10.4, height + _DETAIL[1] + 1.4, file) as figure:
-            figure.suptitle(title)
-            ratios = {"height_ratios": (height + 0.3, _DETAIL[1])}
-            places = figure.subplot_mosaic("CC;AB", gridspec_kw=ratios)
+        with style.styled_figure(style.WIDTH, 2.0 * style.WIDTH, file) as figure:
+            if title:
+                figure.suptitle(title)
+            places = figure.subplot_mosaic("CC;AB")
             overview = places["C"]
             _draw(overview, part, body, (low, high))
             overview.set_title(_facts(part), fontsize=10)
@@ -63,6 +61,7 @@ def plot_part(part: Part | Solid, path: str | Path, *, title: str = "") -> Path:
             style.add_legend(overview, names, style.extent(np.array([low, high])))
             _draw_detail(places["A"], overview, part, body, "A", part.thinnest_member)
             _draw_detail(places["B"], overview, part, body, "B", part.narrowest_gap)
+            style.fit_height(figure, [*places.values()])
 
     return style.written(part.body.comm, path, draw)
 
@@ -125,11 +124,12 @@ def _draw_detail(
     name = "thinnest member" if letter == "A" else "narrowest gap"
     if width is None:
         axes.set_axis_off()
+        axes.set_box_aspect(_DETAIL[1] / _DETAIL[0])
         text = f"{name}: none below the size of the part"
         axes.text(0.5, 0.5, text, ha="center", color=style.GRAY)
         return
     low, high = part.body.bounding_box
-    half = 0.5 * max(5.0 * width.value, 6.0 * part.spacing) * _DETAIL / _DETAIL[1]
+    half = 0.5 * max(5.0 * width.value, 6.0 * part.spacing) * _DETAIL
     # no wider than the body: where all is wide, there is little to enlarge
     size = high - low
     half *= min(1.0, 0.3 * float(np.max(size) / half[0]), 0.7 * float(np.min(size)) / half[1])

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
@@ -40,6 +40,10 @@ GLOW = LinearSegmentedColormap.from_list(
 #: Background of text that is written over a picture
 LABEL = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
 
+#: Width of pictures, and space around the axes [inches]
+WIDTH, _PAD = 10.4, 0.1
+#: Height of a panel divided by its width, at most
+_TALLEST = 1.25
 #: Settings that differ from matplotlib's defaults
 _STYLE: dict[str, Any] = {
     "axes.titlesize": 11.0,
@@ -47,8 +51,8 @@ _STYLE: dict[str, Any] = {
     "axes.edgecolor": GRAY,
     "axes.titlecolor": DARK,
     "figure.constrained_layout.use": True,
-    "figure.constrained_layout.h_pad": 0.1,
-    "figure.constrained_layout.w_pad": 0.1,
+    "figure.constrained_layout.h_pad": _PAD,
+    "figure.constrained_layout.w_pad": _PAD,
     "figure.titlesize": 13.0,
     "grid.color": "#e4e8ec",
     "legend.frameon": False,
@@ -84,32 +88,42 @@ def styled_figure(
 def page(
     file: Path,
     headings: Iterable[str],
-    aspect: float,
     *,
     title: str = "",
+    width: float = WIDTH,
     columns: int = 1,
-    margin: float = 0.3,
 ) -> Iterator[list[Axes]]:
-    """Axes of equal scales below each heading, in a figure that is written at the end.
-
-    The ``aspect`` is the height of a panel divided by its width, and ``margin`` the height [inches]
-    for a legend or a colour bar.
-    """
-    headings, width = list(headings), 10.4 if columns == 1 else 12.0
+    """Axes of equal scales below each heading, in a figure that is as high as they need."""
+    headings = list(headings)
     rows = -(-len(headings) // columns)
-    heading_height = 0.35 if any(headings) else 0.1
-    height = rows * (width / columns * min(aspect, 1.25) + heading_height) + margin
-    with styled_figure(width, height + (0.4 if title else 0.0), file) as figure:
-        figure.suptitle(title)
+    with styled_figure(width, rows * _TALLEST * width / columns, file) as figure:
+        if title:
+            figure.suptitle(title)
         panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
         for axes in panels[len(headings) :]:
             axes.remove()
-        del panels[len(headings) :]
-        for axes, heading in zip(panels, headings, strict=True):
+        for axes, heading in zip(panels, headings, strict=False):
             axes.set_title(heading)
-            axes.set_aspect("equal")
-            axes.set_axis_off()
-        yield panels
+        yield panels[: len(headings)]
+        fit_height(figure, panels[: len(headings)])
+
+
+def fit_height(figure: Figure, panels: Sequence[Axes]) -> None:
+    """Make a figure with panels of equal scales as high as they need; before, it is too high."""
+    figure.draw_without_rendering()
+    renderer = figure.canvas.get_renderer()
+    rows: dict[int, list[tuple[float, float]]] = {}
+    for axes in panels:
+        row = axes.get_subplotspec().rowspan.start
+        with_texts = axes.get_tightbbox(renderer).height
+        rows.setdefault(row, []).append((axes.bbox.height, with_texts))
+    heights = np.array([np.max(rows[row], axis=0) for row in sorted(rows)])
+    panels[0].get_gridspec().set_height_ratios(heights[:, 0])
+    color_bars = [axes.get_tightbbox(renderer) for axes in figure.axes if axes not in panels]
+    texts = [*color_bars, *(text.get_window_extent(renderer) for text in figure.texts)]
+    pixels = np.sum(heights[:, 1]) + sum(box.height for box in texts)
+    pads = 2 * (len(heights) + len(texts)) * _PAD
+    figure.set_figheight(float(pixels) / figure.dpi + pads)
 
 
 def add_color_bar(axes: list[Axes], colors: ScalarMappable, label: str, **options: Any) -> None:
@@ -171,9 +185,7 @@ def written(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
 
 
 def nice_number(value: float) -> float:
-    """Largest of 1, 2, 5 times a power of ten that does not exceed ``value``."""
-    if not (np.isfinite(value) and value > 0.0):
-        return 1.0
+    """Largest of 1, 2, 5 times a power of ten that does not exceed a positive ``value``."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(m for m in (1.0, 2.0, 5.0) if m <= value / power * (1.0 + 1e-9)) * power)
 
