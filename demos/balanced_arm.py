@@ -79,7 +79,8 @@ def main(arguments: list[str] | None = None) -> None:
         runs[name] = found.evaluation
     for name, evaluation in runs.items():
         curves[name] = evaluation.trajectory.t, evaluation.trajectory.joint_force("motor")[:, 0]
-        table[name] = {"rms": evaluation.psi, **(evaluation.at.values if evaluation.at else {})}
+        parameters = evaluation.mechanism_parameters
+        table[name] = {"rms": evaluation.psi, **(parameters.values if parameters else {})}
         say(f"{name}: {table[name]}")
     panels = {"moment of the motor [N m]": curves}
     ffr.plotting.plot_curves(panels, output / "moment.png", xlabel="time [s]")

@@ -146,7 +146,7 @@ def leave(
         "compliance_final_relative": share,
         **numbers,
         **ffr.run_record(result, title=title, parts=parts, **of),
-        **({**found.record(), "compliance_part_relative": found.psi / full} if found else {}),
+        **({"compliance_part_relative": found.psi / full} if found else {}),
         "elements": {name: body.domain.n_cells_global for name, body in bodies.items()},
     }
     ffr.write_summary(MPI.COMM_WORLD, output / "summary.json", summary)

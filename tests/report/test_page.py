@@ -32,8 +32,8 @@ def page_of(folder: Path) -> str:
 
 
 def words(page: str) -> str:
-    """What a page says, but for the drawing, with plain spaces."""
-    text = re.sub(r"<style>.*?</style>|<svg.*?</svg>|<[^>]*>", " ", page, flags=re.S)
+    """What a page says, with plain spaces."""
+    text = re.sub(r"<style>.*?</style>|<[^>]*>", " ", page, flags=re.S)
     return re.sub(r"[\s\u2007\u2008\u202f]+", " ", html.unescape(text))
 
 
@@ -69,8 +69,8 @@ def seen(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]
 @pytest.mark.slow
 def test_browser_shows_all_pictures_and_asks_for_nothing(seen: Seen) -> None:
     images = dict(seen.found["images"])
-    # scene, design, motion, another one, and panels of the history, but for what is not known
-    assert len(images) == 4 + 5
+    # scene, design, part, motion, another one, and panels of the history, but for what is not known
+    assert len(images) == 5 + 5
     assert min(images.values()) > 0
     assert seen.found["requested"] == seen.requests == []
     assert seen.console == []
@@ -125,7 +125,7 @@ def test_what_is_missing_is_named(key: str, named: str, tmp_path: Path) -> None:
     del summary[key]
     text = words(page_of(write_run(tmp_path, summary, history=False)))
     assert f"summary.json: {named} (ffr.run_record writes them)" in text
-    assert ("Outline of the part, as in part.svg" in text) == (key == "parts")
+    assert ("Not recorded: the part and its dimensions" in text) == (key == "parts")
     assert "history.csv: how the design came about" in text
 
 
@@ -179,7 +179,6 @@ def test_history_alone_makes_a_report(tmp_path: Path) -> None:
 def test_damaged_and_large_pictures_are_named(tmp_path: Path) -> None:
     folder = write_run(tmp_path, record(), history=False)
     (folder / "scene.png").write_bytes((folder / "scene.png").read_bytes()[:60])
-    (folder / "part.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'><script/></svg>")
     for name in ("own_thing.png", "motion.gif"):  # what stands behind a picture does not matter
         with (folder / name).open("ab") as file:
             file.write(bytes(LIMIT))
@@ -189,7 +188,6 @@ def test_damaged_and_large_pictures_are_named(tmp_path: Path) -> None:
         "own_thing.png: with 3.3 MB it would make the page too large; it is left out",
         "motion.gif: with 3.3 MB",
         "only its first frame is shown",
-        "part.svg: the drawing of the part rod cannot be used",
     ):
         assert said in words(page)
     assert "data:image/gif" not in page
@@ -214,13 +212,17 @@ def test_pictures_and_summaries_that_are_meant_to_do_harm(
         page_of(folder)
 
 
-def test_nothing_of_a_drawing_but_outlines_comes_into_the_page(tmp_path: Path) -> None:
-    folder = write_run(tmp_path, record(), history=False)
-    drawn = (folder / "part.svg").read_text()
-    (folder / "part.svg").write_text(drawn.replace("<g id", "<script>alert(1)</script><g id"))
-    page = page_of(folder)
-    assert "M 0,20 L 400,20" in page
-    assert "alert(1)" not in page
+def test_parts_of_several_bodies_are_shown_from_their_folders(tmp_path: Path) -> None:
+    """Each by the name of its folder."""
+    volume = {"upper arm": 0.5, "forearm": 0.5}
+    folder = write_run(tmp_path, record() | {"volume": volume}, history=False)
+    for name in ("upper_arm", "forearm"):
+        (folder / name).mkdir()
+        (folder / "part.png").rename(folder / name / "part.png")
+        Image.new("RGB", (8, 8)).save(folder / "part.png")
+    text = page_of(folder)
+    for name in ("upper_arm", "forearm"):
+        assert f"{name}: The part, and enlarged where it is thinnest and tightest." in text
 
 
 @pytest.mark.mpi

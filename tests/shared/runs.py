@@ -10,15 +10,6 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-#: The outline of a plate of 400 mm x 40 mm with a hole, as `Part.write` draws it
-PART = """<?xml version='1.0' encoding='utf-8'?>
-<svg xmlns="http://www.w3.org/2000/svg" version="1.1" width="416mm" height="56mm"
- viewBox="-8 -28 416 56">
-<path id="part" d="M 0,20 L 400,20 L 400,-20 L 0,-20 Z M 100,-10 L 300,-10 L 300,10 L 100,10 Z"
- fill="#c9d1d9" fill-rule="evenodd"/>
-<g id="interfaces" fill="none"><path id="left" d="M 0,-20 L 0,20"/></g></svg>
-"""
-
 
 def record() -> dict[str, Any]:
     """What `run_record` writes, of a made-up run."""
@@ -134,8 +125,8 @@ def write_run(folder: Path, summary: dict[str, Any] | None, *, history: bool = T
             f"{k},{6e-5 / (k + 1)},0.5,{0.9 - 0.2 * k},{2**k},8,nan,800,0.1,1" for k in range(4)
         ]
         (folder / "history.csv").write_text("\n".join(rows) + "\n")
-    (folder / "part.svg").write_text(PART)
-    for name, size in {"scene": (60, 90), "design": (20, 80), "own_thing": (9, 9)}.items():
+    sizes = {"scene": (60, 90), "design": (20, 80), "part": (30, 80), "own_thing": (9, 9)}
+    for name, size in sizes.items():
         Image.fromarray(np.full((*size, 3), 200, np.uint8)).save(folder / f"{name}.png")
     frames = [Image.new("RGB", (40, 30), color) for color in ("red", "blue")]
     frames[0].save(folder / "motion.gif", save_all=True, append_images=frames[1:], duration=100)

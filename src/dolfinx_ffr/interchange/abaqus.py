@@ -19,16 +19,15 @@ from .. import validation
 from ..arrays import Array, Integers
 from ..files import included_file
 from .assembled import (
+    DEEPEST,
     AssembledMatrices,
     from_entries,
     read_table,
+    rows_of_labels,
     solid_corners,
     surface,
     whole_numbers,
 )
-
-#: Largest depth of files that include each other
-_DEEPEST = 20
 
 
 class InputFile:
@@ -51,7 +50,7 @@ class InputFile:
         self.nodes = np.array([self._nodes[label] for label in self.labels])
 
     def _read(self, path: Path, depth: int) -> None:
-        if depth > _DEEPEST:
+        if depth > DEEPEST:
             raise ValueError(f"{path}: files include each other without end")
         keyword, options, unfinished = "", dict[str, str](), ""
         try:
@@ -127,17 +126,13 @@ class InputFile:
 
     def rows(self, what: str, labels: Integers) -> Integers:
         """The rows of nodes with some labels, to which ``what`` refers in messages."""
-        rows = np.minimum(np.searchsorted(self.labels, labels), len(self.labels) - 1)
-        if np.any(wrong := self.labels[rows] != labels):
-            missing = np.unique(labels[wrong])[:5].tolist()
-            hint = ""
-            if "C3D8I" in self._types:
-                hint = (
-                    ": the incompatible modes of elements of the type C3D8I have nodes of their "
-                    "own, and are not read; take C3D8, C3D20 or another type"
-                )
-            raise ValueError(f"{self.path}: it has no nodes {missing}, which {what} names{hint}")
-        return np.asarray(rows)
+        hint = ""
+        if "C3D8I" in self._types:
+            hint = (
+                ": the incompatible modes of elements of the type C3D8I have nodes of their own, "
+                "and are not read; take C3D8, C3D20 or another type"
+            )
+        return rows_of_labels(f"{self.path}: {what}", labels, self.labels, hint)
 
     def matrices(
         self, stiffness: NDArray, mass: NDArray, sources: tuple[Path, Path]

@@ -19,6 +19,8 @@ from ..arrays import Array, Integers
 #: Largest error of a property of matrices, relative to their entries: files have at least seven
 #: digits
 _SAME = 1e-6
+#: Largest depth of files that include each other
+DEEPEST = 20
 _MOTIONS = (
     *("translation along x", "translation along y", "translation along z"),
     *("rotation about x", "rotation about y", "rotation about z"),
@@ -199,6 +201,14 @@ def read_table(path: Path, columns: int | tuple[int, ...]) -> Array:
     if not np.all(np.isfinite(table)):
         raise ValueError(f"{path}: it has entries that are not finite")
     return np.asarray(table)
+
+
+def rows_of_labels(what: str, nodes: ArrayLike, labels: Integers, hint: str = "") -> Integers:
+    """Rows of some nodes, given by their labels, among all sorted labels."""
+    nodes = np.asarray(nodes, dtype=np.int64).ravel()
+    if missing := np.setdiff1d(nodes, labels)[:5].tolist():
+        raise ValueError(f"there are no nodes {missing}, which {what} names{hint}")
+    return np.asarray(np.searchsorted(labels, nodes))
 
 
 def whole_numbers(path: Path, table: Array) -> Integers:

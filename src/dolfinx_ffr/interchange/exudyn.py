@@ -45,7 +45,6 @@ class Exudyn:
     name = "exudyn"
     endings: tuple[str, ...] = ()
     holds: tuple[str, ...] = ("rotations of markers",)
-    readable = True
 
     def write(self, path: Path, arrays: Arrays) -> None:
         mass, S, P, K = elastic(arrays)

@@ -11,21 +11,17 @@ import numpy as np
 
 from .. import validation
 from .exudyn import Exudyn
-from .format import FEATURES, Arrays, Format, InterchangeWarning
+from .format import FEATURES, Arrays, Format, InterchangeWarning, ReadableFormat
 from .nastran import Nastran
 from .numpy_file import NumpyFile
 from .sid import StandardInputData
 from .simscape import Simscape
 
-_KINDS: tuple[Format, ...] = (
-    NumpyFile(),
-    StandardInputData(),
-    Exudyn(),
-    Nastran(),
-    Simscape(),
-)
+_KINDS = (NumpyFile(), StandardInputData(), Exudyn(), Nastran(), Simscape())
+#: What reading a damaged file may end with
+_DAMAGED = (LookupError, MemoryError, OverflowError, RecursionError, TypeError, ValueError)
 #: By the name of the format
-FORMATS = {kind.name: kind for kind in _KINDS}
+FORMATS: dict[str, Format] = {kind.name: kind for kind in _KINDS}
 
 
 def write_body(path: str | Path, arrays: Arrays, format: str | None = None) -> None:
@@ -68,7 +64,7 @@ def read_body(path: str | Path, format: str | None = None) -> dict[str, Any]:
         OSError: If it cannot be read.
     """
     path, kind = _kind(path, format)
-    if not kind.readable:
+    if not isinstance(kind, ReadableFormat):
         raise ValueError(
             f"body file {path}: the format {kind.name!r} is for other programs alone: its matrices "
             "are those of small motions, from which no body that turns can be made; keep an .npz"

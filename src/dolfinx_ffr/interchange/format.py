@@ -7,7 +7,7 @@ import re
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -39,11 +39,15 @@ class Format(Protocol):
     name: str  #: Name for the argument ``format``
     endings: tuple[str, ...]  #: Endings of its files; the first one is usual
     holds: tuple[str, ...]  #: Properties of `FEATURES` that it can hold
-    readable: bool  #: Whether its files have all that makes a body
 
     def write(self, path: Path, arrays: Arrays) -> None:
         """Write a body, its ``arrays`` by key, to a ``path`` completely or not at all."""
         ...
+
+
+@runtime_checkable
+class ReadableFormat(Format, Protocol):
+    """A file format whose files have all that makes a body."""
 
     def read(self, path: Path) -> dict[str, Any]:
         """The arrays of the body at a ``path``; a ValueError explains the defect of a file."""

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from .. import validation
 from ..arrays import Integers
 from ..files import included_file, replace_file
-from .assembled import AssembledMatrices, from_entries
+from .assembled import DEEPEST, AssembledMatrices, from_entries, rows_of_labels
 from .format import Arrays
 from .superelement import superelement
 
@@ -33,8 +33,6 @@ from .superelement import superelement
 _SYMMETRIC, _DOUBLE = 6, 2
 #: Cards that are read
 _CARDS = ("GRID", "GRDSET", "DMIG")
-#: Largest depth of files that include each other
-_DEEPEST = 20
 
 
 def _pynastran(what: str) -> tuple[Any, Any]:
@@ -57,7 +55,6 @@ class Nastran:
     name = "nastran"
     endings: tuple[str, ...] = (".bdf", ".pch")
     holds: tuple[str, ...] = ("rotations of markers",)
-    readable = False
 
     def write(self, path: Path, arrays: Arrays) -> None:
         bdf, _ = _pynastran("a body file of Nastran")
@@ -87,10 +84,6 @@ class Nastran:
         text = io.StringIO()
         model.write_bdf(text, size=16, is_double=True, enddata=True, close=False)
         replace_file(path, text.getvalue().encode())
-
-    def read(self, path: Path) -> dict[str, Any]:
-        """Raise a ValueError, as these files hold no body; see `read_nastran`."""
-        raise ValueError("matrices are read by read_nastran")
 
 
 def read_nastran(
@@ -141,7 +134,7 @@ def read_nastran(
             return _of_dmig(entries, labels, n) if op4 is None else _of_op4(name, entries, n)
 
         by_name = validation.by_name("node_sets", node_sets, "labels")
-        sets = {name: _rows(name, members, labels) for name, members in by_name.items()}
+        sets = {name: rows_of_labels(name, members, labels) for name, members in by_name.items()}
         return AssembledMatrices(matrix(stiffness), matrix(mass), nodes, sets)
     except Exception as error:  # pyNastran raises anything on damaged files
         kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
@@ -163,7 +156,7 @@ def _bulk_data(bdf: Any, path: Path) -> Any:
 
 def _cards(path: Path, folder: Path, depth: int) -> Iterator[str]:
     """The lines of the `_CARDS` in a file and in the files that it includes."""
-    if depth > _DEEPEST:
+    if depth > DEEPEST:
         raise ValueError(f"{path}: files include each other without end")
     is_read = False  # whether the lines belong to a card that is read
     text = path.read_text(encoding="utf-8", errors="replace")
@@ -209,14 +202,6 @@ def _of_dmig(dmig: Any, labels: Integers, n: int) -> scipy.sparse.csr_matrix:
         node, axis = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
         if len(axis) and not (axis.min() >= 1 and axis.max() <= 3):
             raise ValueError(f"{dmig.name}: components must be 1, 2 or 3, as of solid elements")
-        indices.append(3 * _rows(dmig.name, node, labels) + axis - 1)
+        indices.append(3 * rows_of_labels(dmig.name, node, labels) + axis - 1)
     rows, columns = indices
     return from_entries(dmig.name, rows, columns, np.array(dmig.Real, dtype=np.float64), n)
-
-
-def _rows(what: str, nodes: ArrayLike, labels: Integers) -> Integers:
-    """Rows of some nodes, given by their labels, among all sorted labels."""
-    nodes = np.asarray(nodes, dtype=np.int64).ravel()
-    if missing := np.setdiff1d(nodes, labels)[:5].tolist():
-        raise ValueError(f"{what} names the nodes {missing}, which are not there")
-    return np.asarray(np.searchsorted(labels, nodes))

@@ -56,7 +56,6 @@ class NumpyFile:
     name = "npz"
     endings: tuple[str, ...] = (".npz",)
     holds: tuple[str, ...] = tuple(feature for feature in FEATURES if feature != "damping")
-    readable = True
 
     def write(self, path: Path, arrays: Arrays) -> None:
         write_all(path, {key: array for key, array in arrays.items() if key in _KEYS})

@@ -78,7 +78,6 @@ class StandardInputData:
     name = "sid"
     endings: tuple[str, ...] = (".SID_FEM", ".sid")
     holds: tuple[str, ...] = tuple(FEATURES)
-    readable = True
 
     def write(self, path: Path, arrays: Arrays) -> None:
         terms, (names, marker_arrays), r = sid_terms(arrays), markers(arrays), len(arrays["S"]) - 1

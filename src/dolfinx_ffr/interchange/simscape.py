@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.io
@@ -26,7 +25,6 @@ class Simscape:
     name = "simscape"
     endings: tuple[str, ...] = (".mat",)
     holds: tuple[str, ...] = ("rotations of markers",)
-    readable = False
 
     def write(self, path: Path, arrays: Arrays) -> None:
         body, content = superelement(arrays), io.BytesIO()
@@ -38,7 +36,3 @@ class Simscape:
         }
         scipy.io.savemat(content, variables, do_compression=True)
         replace_file(path, content.getvalue())
-
-    def read(self, path: Path) -> dict[str, Any]:
-        """The variables of a file, from which no body can be made."""
-        return {k: v for k, v in scipy.io.loadmat(path).items() if not k.startswith("__")}

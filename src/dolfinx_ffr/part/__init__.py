@@ -12,8 +12,8 @@ from .enclosed import LoosePieceWarning as LoosePieceWarning
 from .enclosed import PartWarning as PartWarning
 from .figures import BodyFigures as BodyFigures
 from .figures import Figures as Figures
+from .options import STRESSED, TURN
 from .outline_limit import outline_violations as outline_violations
-from .part import STRESSED, TURN
 from .part import LoosePiece as LoosePiece
 from .part import Part as Part
 from .solid import Cavity

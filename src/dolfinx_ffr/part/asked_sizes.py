@@ -15,19 +15,10 @@ import shapely
 from ..arrays import Array
 from ..fem import enclosed, polygon, walked
 from .enclosed import Enclosed
+from .options import CHECKS
 from .part import Part
 from .solid import Solid
 from .widths import Width, narrowest_gap
-
-#: Share of a minimum by which a size of a part, and of a solid, whose surface is known by samples,
-#: may be below it
-TOLERANCE, TOLERANCE_IN_SPACE = 0.01, 0.03
-#: Area from which on a narrow region of a drawing is a hole or a notch, and no corner, in squares
-#: of the minimum gap
-_CORNER_AREA = 0.1
-#: Distance from a solid region within which a member is one of that region, in its widths: its
-#: middle is half a width away
-_BESIDE = 0.6
 
 
 @dataclass(frozen=True)
@@ -44,7 +35,7 @@ def size_violations(part: Enclosed, member: float, gap: float | None = None) -> 
 
     Of a solid only members are looked at, and 3 % are allowed.
     """
-    tolerance = TOLERANCE_IN_SPACE if isinstance(part, Solid) else TOLERANCE
+    tolerance = CHECKS.tolerance_in_space if isinstance(part, Solid) else CHECKS.tolerance
     remedy = "take more steps of the boundary, smaller elements, or another start"
     violations = []
 
@@ -85,7 +76,7 @@ def _violation(what: str, width: Width, minimum: float, remedy: str) -> PartViol
 def _is_beside_solid(part: Part, member: Width) -> bool:
     """Whether the middle of a member is in or along a solid region."""
     middle = shapely.Point(member.ends.mean(axis=0))
-    reach = _BESIDE * member.value
+    reach = CHECKS.beside * member.value
     return any(region.distance(middle) < reach for region in solid_regions(part))
 
 
@@ -108,7 +99,9 @@ def _gap_of_design(part: Part, gap: float) -> Width | None:
     around = shapely.box(*body.bounds).buffer(2.0 * gap, join_style="mitre").difference(body)
     # a disc of the minimum gap does not reach these regions
     narrow = around.difference(around.buffer(-0.5 * gap).buffer(0.505 * gap))
-    drawn = [region for region in shapely.get_parts(narrow) if region.area > _CORNER_AREA * gap**2]
+    drawn = [
+        region for region in shapely.get_parts(narrow) if region.area > CHECKS.corner_area * gap**2
+    ]
     filled = shapely.union_all([part.polygon, *drawn]).buffer(part.accuracy)
     low, high = np.reshape(filled.bounds, (2, 2))
     return narrowest_gap(filled, 10.0 * part.accuracy, float(np.min(high - low)))

@@ -15,23 +15,10 @@ from .cut import Segments
 from .field import Field, turns
 from .fitting import corners, fitted, followed, thinned
 from .lattice import Lattice
+from .options import CURVES
 
 #: Nodes along a chain, and its marks
 Chain = tuple[list[int], Integers]
-
-#: Sides of the mesh that turn by less belong to one straight line [rad]
-_STRAIGHT = 1e-6
-#: Sides of a circle turn by less [rad]: a regular decagon is one, an octagon is an octagon
-_ROUND = 0.65
-#: Distance of vertices from the circle that they are on, in units of its radius
-_ON_CIRCLE = 1e-5
-#: Fewest straight sides of the mesh that make a circle: any three points are on one
-_FEWEST = 4
-#: Fewest sides with a node in the middle that make a circle
-_FEWEST_CURVED = 2
-#: Zeros nearer to each other, in units of the sides of triangles, are thinned out: their direction
-#: is that of the lattice
-_THIN = 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +78,7 @@ def _onto_circles(
         if mark[2] < 0 and chain[0] != chain[-1]:
             for end, *inner in (chain, chain[::-1]):
                 lengths = np.linalg.norm(points[inner] - points[end], axis=1)
-                clear = np.flatnonzero(lengths > _THIN * step)
+                clear = np.flatnonzero(lengths > CURVES.thin * step)
                 ray = points[end] - points[inner[clear[0] if len(clear) else -1]]
                 directions[end] = ray / max(float(np.hypot(*ray)), 1e-300)
     for chain, mark in chains:
@@ -141,7 +128,7 @@ def _zero_line(
     is_exact[[0, -1]] = True
     if np.count_nonzero(is_exact) > 3:
         x = x[is_exact]
-    x = thinned(x, _THIN * step)
+    x = thinned(x, CURVES.thin * step)
     at_corners: list[int] = []
     if len(x) > 4:
         x, at_corners = corners(x, field, closed=closed)
@@ -181,7 +168,7 @@ def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
         halves = lattice.points[lattice.chains[edges, middle]]
         bulge = np.linalg.norm(halves - 0.5 * (x[1:] + x[:-1]), axis=1)
         length = np.linalg.norm(np.diff(x, axis=0), axis=1)
-        straight = bulge < _STRAIGHT * length
+        straight = bulge < CURVES.straight * length
         for first, last, circle in _runs(x, halves, straight, lattice.curved):
             number[edges[first:last]] = edges[first]
             if circle is not None:
@@ -195,16 +182,16 @@ def _runs(
     """Runs of sides of a chain that make up one line, circle (which is given) or smooth curve."""
     n = len(x) - 1
     turn = np.abs(turns(np.diff(x, axis=0)))
-    smooth = (turn < _ROUND) & (turn >= _STRAIGHT)
+    smooth = (turn < CURVES.round) & (turn >= CURVES.straight)
     first = 0
     while first < n:
         last, circle = first + 1, None
-        while last < n and turn[last - 1] < _STRAIGHT and straight[last] and straight[first]:
+        while last < n and turn[last - 1] < CURVES.straight and straight[last] and straight[first]:
             last += 1
         if last == first + 1:
             last, circle = _longest_circle(x, halves, smooth, first, curved)
             if circle is None and curved and not straight[first]:
-                while last < n and turn[last - 1] < _ROUND and not straight[last]:
+                while last < n and turn[last - 1] < CURVES.round and not straight[last]:
                     if _longest_circle(x, halves, smooth, last, curved)[1] is not None:
                         break
                     last += 1
@@ -220,7 +207,7 @@ def _longest_circle(
     Of the vertices x (n + 1, 2), the inner ones (n - 1,) are ``smooth`` where the chain turns
     without a corner; if ``curved``, the middles of the sides, ``halves`` (n, 2), are on the curve.
     """
-    fewest = _FEWEST_CURVED if curved else _FEWEST
+    fewest = CURVES.fewest_curved if curved else CURVES.fewest
     end = first + 1
     while end < len(x) - 1 and smooth[end - 1]:
         end += 1
@@ -235,7 +222,7 @@ def _longest_circle(
     if seed is None:
         return first + 1, None
     distance = np.abs(np.hypot(*(points - seed[:2]).T) - seed[2])
-    is_on_it = distance < 10.0 * _ON_CIRCLE * seed[2]
+    is_on_it = distance < 10.0 * CURVES.on_circle * seed[2]
     count = len(is_on_it) if np.all(is_on_it) else int(np.argmin(is_on_it))
     sides = (count - 1) // stride
     circle = _circle(points[: stride * sides + 1]) if sides >= fewest else None
@@ -244,7 +231,7 @@ def _longest_circle(
 
 def _circle(x: Array) -> Array | None:
     """Centre and radius of the circle on which points are, None if there is none."""
-    circle = nearest_circle(x, _ON_CIRCLE)
+    circle = nearest_circle(x, CURVES.on_circle)
     return None if circle is None else np.array([*circle[0], circle[1]])
 
 

@@ -18,11 +18,7 @@ from ..arrays import Array, Integers, Mask
 from ..fem import connected
 from .field import Field, evaluated, refuse_zero, zeros_between
 from .lattice import DESIGN, SOLID, VOID, Lattice
-
-#: Values of less than this distance from the zero line count as material, in units of the spacing
-_SNAP = 1e-3
-#: Shorter segments are contracted, in units of the longest side of a triangle
-_SHORT = 0.02
+from .options import CURVES
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +58,7 @@ def cut(lattice: Lattice, field: Field, spacing: float) -> Segments:
     slope = np.zeros(len(points))
     np.maximum.at(slope, a, np.abs(values[b] - values[a]) / length)
     np.maximum.at(slope, b, np.abs(values[b] - values[a]) / length)
-    is_inside = values >= -_SNAP * spacing * slope
+    is_inside = values >= -CURVES.snap * spacing * slope
 
     # zeros on the sides with one end inside
     is_crossed = is_inside[a] != is_inside[b]
@@ -88,7 +84,7 @@ def cut(lattice: Lattice, field: Field, spacing: float) -> Segments:
     rank[len(points) :][edge[is_crossed] >= 0] = 2
     rank[lattice.chains.ravel()] = 1
     rank[lattice.edges.ravel()] = 0
-    ends = _contracted(nodes, bounds.ends, rank, _SHORT * float(length.max()))[bounds.ends]
+    ends = _contracted(nodes, bounds.ends, rank, CURVES.short * float(length.max()))[bounds.ends]
     stays = ends[:, 0] != ends[:, 1]
     contracted = Directed(ends[stays], bounds.edge[stays], bounds.kind[stays])
     bounds = _without_opposites(contracted, len(nodes))

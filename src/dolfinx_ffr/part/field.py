@@ -10,29 +10,25 @@ import numpy as np
 from .. import validation
 from ..arrays import Array, Integers
 from ..fem import ShapeError
+from .options import CURVES
 
 #: Of positions (n, d) [m], gives (n,) numbers
 Field = Callable[[Array], Array]
-
-#: Most steps by which zeros are found; every fourth halves the bracket, whatever the field is
-_STEPS = 60
-#: Points at which a field is evaluated at once, so that memory stays small
-_BLOCK = 100_000
 
 
 def evaluated(field: Field, points: Array) -> Array:
     """Values (n,) of a field of a user at points (n, d), or one clear error."""
     kind = "part" if points.shape[1] == 2 else "solid"
     values = np.empty(len(points))
-    for first in range(0, len(points), _BLOCK):
-        block = points[first : first + _BLOCK]
+    for first in range(0, len(points), CURVES.points_at_once):
+        block = points[first : first + CURVES.points_at_once]
         of_block = validation.numbers(f"{kind}: what the field gives", field(block))
         if of_block.shape != (len(block),):
             raise ValueError(
                 f"{kind}: the field gives an array of shape {of_block.shape} for {len(block)} "
                 "points; it must give one number for each"
             )
-        values[first : first + _BLOCK] = of_block
+        values[first : first + CURVES.points_at_once] = of_block
     bad = ~np.isfinite(values)
     if np.any(bad):
         position = ", ".join(f"{x:.6g}" for x in points[int(np.argmax(bad))])
@@ -64,7 +60,7 @@ def zeros_between(field: Field, a: Array, b: Array, at_a: Array, at_b: Array) ->
     zeros = np.where(np.abs(f) <= np.abs(g), s, t)
     active = np.flatnonzero(f * g < 0.0)
     size = np.maximum(np.abs(f), np.abs(g))
-    for step in range(_STEPS):
+    for step in range(CURVES.zero_steps):
         if not len(active):
             break
         i = active

@@ -15,11 +15,8 @@ from scipy.interpolate import BSpline, make_interp_spline, splprep
 from ..arrays import Array
 from ..fem import Curve, Line, ShapeError, Spline
 from .field import Field, cross, evaluated, turns
+from .options import CURVES
 
-#: A corner turns by more [rad]; zeros of a field on a lattice turn by less where it is smooth
-_CORNER = 0.7
-#: How often points are added where a curve leaves the zero line
-_ROUNDS = 4
 _AXES = np.eye(2)
 
 
@@ -46,8 +43,8 @@ def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[i
     n, shift = len(points) - 1, 1 if closed else 0
     # side i + 1 of the ring, between the vertices i + 1 and i + 2, with the sides i and i + 2
     turn_at_side = np.abs(turn[:-1] + turn[1:])
-    sharp = (np.abs(turn) > _CORNER).nonzero()[0] + 1 - shift
-    candidate = np.flatnonzero(turn_at_side > _CORNER)
+    sharp = (np.abs(turn) > CURVES.corner).nonzero()[0] + 1 - shift
+    candidate = np.flatnonzero(turn_at_side > CURVES.corner)
     # a chain that turns back on itself has sides that never meet
     area = np.abs(cross(d[candidate], d[candidate + 2]))
     lengths = np.linalg.norm(d[candidate], axis=1) * np.linalg.norm(d[candidate + 2], axis=1)
@@ -91,7 +88,7 @@ def followed(points: Array, field: Field, tolerance: float, *, closed: bool = Fa
     # the line may pass through a corner of the lattice, which two of its cells then find
     is_new = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * tolerance
     points = points[np.append(True, is_new)] if np.any(is_new) else points
-    for _ in range(_ROUNDS if len(points) > (6 if closed else 3) else 0):
+    for _ in range(CURVES.rounds if len(points) > (6 if closed else 3) else 0):
         u = _chord_lengths(points)
         spline = make_interp_spline(u, points, k=3, bc_type="periodic" if closed else None)
         between = spline(0.5 * (u[1:] + u[:-1]))
@@ -153,7 +150,7 @@ def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
     weights = np.ones(len(points))
     if not closed:
         weights[[0, -1]] = 1e3
-    for share in (0.35, 0.15, 0.05, 0.0):
+    for share in CURVES.smoothing:
         smoothing = len(points) * (share * tolerance) ** 2
         with warnings.catch_warnings():
             # more knots than it likes; the distance is looked at here

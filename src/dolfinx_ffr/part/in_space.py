@@ -12,11 +12,7 @@ import shapely
 
 from ..fem import Curve, quiet
 from .export import Sheet, add_solid
-
-#: Cells around a circle: straight sides of 24 miss a hundredth of its area
-_AROUND = 24
-#: Distance from the curves of an interface at which nodes of a mesh lie on them, in sizes of cells
-_ON = 1e-4
+from .options import MESHES
 
 
 def mesh_solid(
@@ -31,7 +27,7 @@ def mesh_solid(
     model = gmsh.model
     model.occ.translate(model.occ.getEntities(3), 0.0, 0.0, -0.5 * sheet.thickness())
     model.occ.synchronize()
-    options = {"Mesh.MeshSizeMax": size, "Mesh.MeshSizeFromCurvature": _AROUND}
+    options = {"Mesh.MeshSizeMax": size, "Mesh.MeshSizeFromCurvature": MESHES.around}
     with ExitStack() as stack:
         for name, value in options.items():
             stack.callback(gmsh.option.setNumber, name, gmsh.option.getNumber(name))
@@ -43,7 +39,10 @@ def mesh_solid(
 
     lines = {
         name: shapely.union_all(
-            [shapely.LineString(curve.points(0.01 * _ON * size)) for curve in curves]
+            [
+                shapely.LineString(curve.points(0.01 * MESHES.on_interface * size))
+                for curve in curves
+            ]
         )
         for name, curves in interfaces.items()
     }
@@ -52,7 +51,10 @@ def mesh_solid(
         x = np.reshape(model.mesh.getNodes(2, tag, includeBoundary=True)[1], (-1, 3))
         if np.ptp(x[:, 2]) > 0.0:  # floors and faces of the plate are flat
             for name, line in lines.items():
-                if np.max(shapely.distance(line, shapely.points(x[:, :2]))) < _ON * size:
+                if (
+                    np.max(shapely.distance(line, shapely.points(x[:, :2])))
+                    < MESHES.on_interface * size
+                ):
                     walls[name].append(tag)
     for name, tags in walls.items():
         model.setPhysicalName(2, model.addPhysicalGroup(2, tags), name)

@@ -15,11 +15,8 @@ from ..fem import Domain, _compat
 from ..limits import check_count
 from ..parallel import announce, on_every_rank
 from .field import cross
+from .options import CURVES
 
-#: Most points, which take a minute without those of the field
-MOST_POINTS = 20_000_000
-#: Memory that a point takes, at least [bytes]
-_BYTES = 300
 #: What a cell is: outside of the body or empty for ever, designed, material for ever
 VOID, DESIGN, SOLID = 0, 1, 2
 
@@ -63,8 +60,8 @@ class Lattice:
                 domain.n_cells_global * in_cell,
                 f"points of a lattice of {largest:.4g} m",
                 "give a larger spacing [m], or a smaller resolution",
-                each=_BYTES,
-                most=MOST_POINTS,
+                each=CURVES.bytes_of_point,
+                most=CURVES.most_points,
             )
         facets = mesh.topology.connectivity(2, 1).array.reshape(-1, len(ends))[:n]
         interface = np.full(facets.shape, -1, dtype=np.int64)

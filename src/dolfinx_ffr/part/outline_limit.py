@@ -16,18 +16,11 @@ from ..arrays import Array
 from ..design import HoleRims
 from ..fem import VOID, SpatialHole, Tetrahedra
 from ..parallel import on_rank_0
-from .asked_sizes import TOLERANCE, TOLERANCE_IN_SPACE, PartViolation, place
+from .asked_sizes import PartViolation, place
+from .options import CHECKS
 from .part import Part
 from .solid import Solid
 from .tetrahedral_cut import outer_faces
-
-#: Share of a cell by which the flat triangles of a solid may leave a body that is curved
-_CELL_TOLERANCE = 0.1
-#: Depths at which the rim of a hole in space, and the hole, are sampled: steps of less than the
-#: tolerance of its width
-_DEPTHS = 40
-#: Points on its walls from which they are sampled, at most
-_ON_WALLS = 400
 
 
 def outline_violations(part: Part | Solid, rim: float, least: float) -> list[PartViolation]:
@@ -48,7 +41,7 @@ def outline_violations(part: Part | Solid, rim: float, least: float) -> list[Par
 
 
 def _in_the_plane(part: Part, rim: float, least: float) -> Iterator[PartViolation]:
-    body, tolerance = part.body.outline, TOLERANCE * least
+    body, tolerance = part.body.outline, CHECKS.tolerance * least
     outside = part.polygon.difference(body.buffer(tolerance))
     for region in [] if outside.is_empty else shapely.get_parts(outside):
         corners = shapely.points(shapely.get_coordinates(region))
@@ -62,14 +55,14 @@ def _in_the_plane(part: Part, rim: float, least: float) -> Iterator[PartViolatio
         missing = missing.buffer(-tolerance).buffer(tolerance)
         if not missing.is_empty:
             width = hole.shape.distance(missing)
-            if width < (1.0 - TOLERANCE) * rim:
+            if width < (1.0 - CHECKS.tolerance) * rim:
                 yield _rim(hole.center, width, rim)
 
 
 def _in_space(solid: Solid, rim: float, least: float) -> list[PartViolation]:
     body = Tetrahedra.of(solid.body)
     holes = [hole for hole in solid.body.holes if isinstance(hole, SpatialHole)]
-    tolerance = max(TOLERANCE * least, _CELL_TOLERANCE * solid.body.cell_size)
+    tolerance = max(CHECKS.tolerance * least, CHECKS.cell_tolerance * solid.body.cell_size)
 
     def violations() -> list[PartViolation]:
         distances = _Distances(solid, _surface(body), holes)
@@ -96,7 +89,7 @@ class _Distances:
     @staticmethod
     def _rays(hole: SpatialHole, lengths: Array) -> Array:
         """Points at ``lengths`` (n,) from the walls into the hole, shape (walls, n, 3) [m]."""
-        every = -(-len(hole.middles) // _ON_WALLS)
+        every = -(-len(hole.middles) // CHECKS.on_walls)
         starts, directions = hole.middles[::every, None], hole.outward[::every, None]
         return np.asarray(starts + lengths[:, None] * directions)
 
@@ -108,7 +101,7 @@ class _Distances:
             yield _outside(self.solid.points[farthest], float(depth[farthest]), least)
         for hole in self.holes:
             across = float(np.linalg.norm(np.ptp(hole.box, axis=0)))
-            lengths = across * np.linspace(0.0, 0.5, _DEPTHS + 1)[1:]
+            lengths = across * np.linspace(0.0, 0.5, CHECKS.depths + 1)[1:]
             points = self._rays(hole, lengths).reshape(-1, 3)
             depth = self._from(self.body, points)
             # another piece of the body may stand in the hole
@@ -119,11 +112,11 @@ class _Distances:
 
     def rims(self, rim: float) -> Iterator[PartViolation]:
         """The holes whose rims are thinner than asked for."""
-        depths = rim * np.linspace(0.0, 1.0, _DEPTHS + 1)[1:]
+        depths = rim * np.linspace(0.0, 1.0, CHECKS.depths + 1)[1:]
         for hole in self.holes if rim > 0.0 else ():
             rays = self._rays(hole, -depths)
             points = rays.reshape(-1, 3)
-            tolerance = TOLERANCE_IN_SPACE * rim
+            tolerance = CHECKS.tolerance_in_space * rim
             is_within_body = self._from(self.body, points) < -tolerance
             beyond = self._from(self.surface, points)
             missing = is_within_body & (beyond > tolerance)

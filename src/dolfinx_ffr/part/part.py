@@ -53,6 +53,7 @@ from .export import Loop, Sheet, write
 from .field import Field, evaluated
 from .in_space import mesh_solid
 from .lattice import DESIGN, VOID, Lattice
+from .options import CURVES, MESHES
 from .pieces import Piece, attached, drawing, outlines, pieces
 from .pockets import pocket_faces
 from .verify import Verifiable
@@ -62,34 +63,6 @@ from .widths import Width, member_widths, narrowest_gap, thinnest_member
 Outlines = list[list[list[Curve]]]
 #: The name of the interface of each curve of outlines, empty where there is none
 InterfacesOfCurves = list[list[list[str]]]
-
-#: How much finer lattices are tried where curves cross
-_FINER_LATTICES = (1, 2, 4)
-#: Distance between curves and the polygons that stand for them, in spacings
-_ACCURACY = 1e-3
-#: The same of the polygons by which crossings of curves are found, in spacings
-_CROSSING_ACCURACY = 1e-4
-#: Size of the first triangles of order 2 of a verification, in spacings
-_FIRST_SIZE = 2.0
-#: Largest size of triangles in a member, in units of its width: about two lie across it
-_ACROSS = 0.7
-#: Size of triangles in a notch, in units of its radius: its stress is within 5 %
-TURN = 0.25
-#: The same where the stress counts: it is within 1 %
-STRESSED = 0.1
-#: Sizes that are tried where gmsh fails, in units of the size that was asked for
-_SMALLER = (1.0, 0.5, 0.25)
-#: Smallest size of triangles, in units of the size that was asked for, so that their number stays
-#: bounded
-_SMALLEST = 0.03
-#: Accuracy of the polygons by which narrow members and notches are found, likewise
-_LOCAL_ACCURACY = 2e-3
-#: Angle between sides of a polygon from which on it is a corner, rather than part of a curve
-_CORNER = 0.5
-#: A polygon with fewer sides than these may be the coarse mesh of a circle
-_FEW_SIDES = 10
-#: Points of each span of a spline at which its distance from the zero line is taken
-_PER_SPAN = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +145,9 @@ class Part(Verifiable):
         #: Thickness of the floors of pockets as a share of the part's; zero where there are none
         self.web = validation.number("part: web", web, least=0.0, below=1.0)
         #: Of the polygons that stand for the curves [m]
-        self.accuracy = _ACCURACY * self.spacing
+        self.accuracy = CURVES.accuracy * self.spacing
         names = list(domain.interfaces)
-        for finer in _FINER_LATTICES:
+        for finer in CURVES.finer_lattices:
             step = self.spacing / (finer * steps)
             lattice = Lattice.of(domain, step)
             find = partial(_find, lattice, field, self.spacing, step, share, names, self.web)
@@ -367,11 +340,16 @@ class Part(Verifiable):
         )
 
     def sizes(self, size: float | None, count: int) -> list[float]:
-        first = _FIRST_SIZE * self.spacing if size is None else size
+        first = MESHES.first_size * self.spacing if size is None else size
         return [first / 2**halving for halving in range(count)]
 
     def domain(
-        self, size: float, order: int = 2, *, across: float = _ACROSS, turn: float = TURN
+        self,
+        size: float,
+        order: int = 2,
+        *,
+        across: float = MESHES.across,
+        turn: float = MESHES.turn,
     ) -> Domain:
         """A mesh of triangles that fits the part, see `Enclosed.domain`.
 
@@ -425,14 +403,14 @@ class Part(Verifiable):
             return self._read(gmsh, degree, centers)
 
     def resolved(self, size: float, order: int) -> Domain:
-        return self.domain(size, order, turn=STRESSED)
+        return self.domain(size, order, turn=MESHES.stressed)
 
     def _mesh(
         self, gmsh: Any, drawing: Drawing, size: float, degree: int, across: float, turn: float
     ) -> None:
         """Mesh a drawing in gmsh's model, with smaller triangles where gmsh fails."""
         check_size("part: the mesh", drawing, size)
-        for factor in _SMALLER:
+        for factor in MESHES.smaller:
             try:
                 local = self._local_sizes(factor * size, across, turn)
                 # cells grow from curves on even where none is small, as the last bits of curves may
@@ -442,14 +420,14 @@ class Part(Verifiable):
                 )
                 return
             except ValueError:
-                if factor == _SMALLER[-1]:
+                if factor == MESHES.smaller[-1]:
                     raise
             gmsh.model.remove()
             gmsh.model.add("dolfinx_ffr again")
 
     def _local_sizes(self, size: float, across: float, turn: float) -> LocalSizes | None:
         """Sizes in narrow members and in notches; None where there are none."""
-        fine = max(self.accuracy, _LOCAL_ACCURACY * size)
+        fine = max(self.accuracy, MESHES.local_accuracy * size)
         rings = [polygon(loop, fine) for loops in self.outlines for loop in loops]
         # where members are wider than that, triangles are as large as anywhere
         positions, widths = member_widths(rings, 0.1 * size, min(1.5, 1.0 / across) * size)
@@ -461,7 +439,7 @@ class Part(Verifiable):
         small = sizes < size
         if not np.any(small):
             return None
-        return LocalSizes(positions[small], np.maximum(sizes[small], _SMALLEST * size))
+        return LocalSizes(positions[small], np.maximum(sizes[small], MESHES.smallest * size))
 
 
 def _notches(ring: Array) -> tuple[Array, Array]:
@@ -471,7 +449,7 @@ def _notches(ring: Array) -> tuple[Array, Array]:
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     angle = np.arctan2(cross, np.einsum("ij,ij->i", before, after))
     side = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
-    bent = (angle < 0.0) & (angle > -_CORNER)
+    bent = (angle < 0.0) & (angle > -MESHES.corner)
     return ring[bent], side[bent] / -angle[bent]
 
 
@@ -486,7 +464,7 @@ def _find(
 ) -> _Findings:
     """The boundary of a part on rank 0, from its field on a lattice."""
     assert lattice is not None  # on rank 0
-    accuracy, segments = _ACCURACY * spacing, cut(lattice, field, spacing)
+    accuracy, segments = CURVES.accuracy * spacing, cut(lattice, field, spacing)
     sides = boundary(lattice, segments, field, step, share * spacing)
 
     of_segment = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
@@ -512,7 +490,7 @@ def _find(
         warnings=attachment.warnings + _polygon_warnings(of_part, names),
         loose=loose,
         lost_interfaces=[name for name, length in lengths_of_pieces.items() if length == 0.0],
-        crossing=_crossing(around, _CROSSING_ACCURACY * spacing),
+        crossing=_crossing(around, CURVES.crossing_accuracy * spacing),
     )
 
 
@@ -555,7 +533,7 @@ def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
         closed = {side.nodes[0] for side in wall} == {side.nodes[1] for side in wall}
         if closed and wall and all(isinstance(side.curve, Line) for side in wall):
             if fit_circle(np.array([side.curve.start for side in wall])) is not None:
-                is_coarse = len(wall) < _FEW_SIDES
+                is_coarse = len(wall) < CURVES.few_sides
                 remedy = (
                     "give it ten elements around, or order=2"
                     if is_coarse
@@ -589,7 +567,7 @@ def _deviation(curves: Sequence[Curve], field: Field, spacing: float) -> float:
     samples = []
     for curve in curves:
         knots = curve.breaks()
-        within_span = (np.arange(_PER_SPAN) + 0.5) / _PER_SPAN
+        within_span = (np.arange(CURVES.samples_of_span) + 0.5) / CURVES.samples_of_span
         t = knots[:-1, None] + np.diff(knots)[:, None] * within_span
         samples.append(curve.at(t.ravel()))
     x = np.vstack(samples)

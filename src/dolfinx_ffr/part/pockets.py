@@ -7,10 +7,7 @@ import numpy as np
 import shapely
 
 from ..fem import Drawing, Face, ShapeError, directed_faces, ring, walked
-
-#: Width up to which a strip along the outline is the difference of two polygons, in units of the
-#: length on which the field varies
-_STRIP = 0.1
+from .options import CURVES
 
 
 def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> list[Face]:
@@ -30,7 +27,7 @@ def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> li
     sides = [(i, not forward) for i, forward in around if (i, not forward) not in walked_both_ways]
     curves = walked(drawing.curves, sides)
     nodes = [drawing.nodes[i] if forward else drawing.nodes[i][::-1] for i, forward in sides]
-    accuracy = 0.01 * _STRIP * spacing
+    accuracy = 0.01 * CURVES.strip * spacing
 
     def polygon(loop: list[int]) -> shapely.Polygon:
         return shapely.Polygon(ring([curves[i] for i in loop], accuracy))
@@ -44,7 +41,7 @@ def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> li
             floors.append(floor)
 
     missing = body.difference(shapely.union_all([*floors, _covered(drawing, accuracy)]))
-    missing = missing.buffer(-0.5 * _STRIP * spacing)
+    missing = missing.buffer(-0.5 * CURVES.strip * spacing)
     if not missing.is_empty:
         x, y = 1e3 * np.array(missing.representative_point().coords[0])
         raise ShapeError(

@@ -35,6 +35,7 @@ from .ball_widths import Balls, surface_balls
 from .enclosed import Findings
 from .export import UNITS
 from .field import Field
+from .options import SOLIDS
 from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, touching, volumes
 from .verify import Verifiable
 from .widths import Width
@@ -43,10 +44,6 @@ from .widths import Width
 _KINDS = (".stl", ".ply", ".vtp", ".obj")
 #: How often cells are divided for the surface, by their kind, see `Tetrahedra.of`
 _DIVISIONS = {"hexahedron": 1, "tetrahedron": 0}
-#: Most cavities whose places are listed
-_PLACES = 3
-#: Spacing of the samples by which members and gaps are looked for, by the size of the body's cells
-_SAMPLES = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +161,7 @@ class Solid(Verifiable):
         return self._largest_balls(around=False)
 
     def _largest_balls(self, *, around: bool) -> Balls:
-        size = _SAMPLES * self.body.cell_size
+        size = SOLIDS.sample * self.body.cell_size
         return surface_balls(self.points, self.triangles, size, around=around)
 
     def surface(self) -> Any:
@@ -294,8 +291,10 @@ def _warnings(meeting: Array, cavities: list[Cavity], lost: list[str]) -> list[s
         )
     if cavities:
         volume = sum(cavity.volume for cavity in cavities)
-        centers = [", ".join(f"{x:.4g}" for x in cavity.center) for cavity in cavities[:_PLACES]]
-        ellipsis = ", ..." if len(cavities) > _PLACES else ""
+        centers = [
+            ", ".join(f"{x:.4g}" for x in cavity.center) for cavity in cavities[: SOLIDS.places]
+        ]
+        ellipsis = ", ..." if len(cavities) > SOLIDS.places else ""
         warnings.append(
             f"enclosed cavities: {len(cavities)}, {volume:.3g} m^3 in all, about "
             f"({'), ('.join(centers)}) m{ellipsis}; powder stays in them; drill a channel to each "

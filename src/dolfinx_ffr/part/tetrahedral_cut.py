@@ -19,18 +19,8 @@ from scipy.sparse import coo_matrix, csr_matrix
 from ..arrays import Array, Integers
 from ..fem import DESIGNED, SOLID, VOID, ShapeError, Tetrahedra, connected
 from .field import Field, evaluated, refuse_zero, zeros_between
+from .options import SOLIDS
 
-#: Corners closer than this to the surface are moved onto it, in units of the edge on which it is,
-#: as the paper does for its longer edges
-_NEAR = 0.25
-#: Level of corners that are counted as outside, of which only the sign matters
-_SMALLEST = 1e-300
-#: Corners that cannot move count as on the surface if they are closer than this
-_ON_IT = 0.05
-#: Smallest volume of a tetrahedron whose corners have moved, in units of what it was
-_FLAT = 0.15
-#: Times at most that corners are looked for at which the surface touches itself
-_ROUNDS = 20
 #: Faces opposite of the corners, turned outwards
 SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 #: By numbers of corners inside and outside, which are the first and the last, tetrahedra inside: of
@@ -59,21 +49,21 @@ def cut_tetrahedra(body: Tetrahedra, field: Field) -> Tetrahedra:
     _move_near(points, level, edges, share, zeros, cells, _patches(body))
     is_crossed = level[edges[:, 0]] * level[edges[:, 1]] < 0.0
     edges, zeros = edges[is_crossed], zeros[is_crossed]
-    for _ in range(_ROUNDS):
+    for _ in range(SOLIDS.rounds):
         solid, used = _cut(body, points, level, edges, zeros, field)
         corners = used[touching(outer_faces(solid.cells)[0])]
         corners = corners[corners < len(points)]
         corners = corners[level[corners] == 0.0]
         if not len(corners):
             break
-        level[corners] = -_SMALLEST
+        level[corners] = SOLIDS.outside
         is_outside = np.isin(all_edges, corners)
         is_new = np.any(is_outside, axis=1) & np.any(level[all_edges] > 0.0, axis=1)
         # from the corner to the one inside
         pairs, turned = all_edges[is_new], is_outside[is_new][:, 1:]
         start, end = points[np.where(turned, pairs[:, ::-1], pairs)].swapaxes(0, 1)
         edges = np.concatenate([edges, pairs])
-        zeros = np.concatenate([zeros, start + _NEAR * (end - start)])
+        zeros = np.concatenate([zeros, start + SOLIDS.near * (end - start)])
         order = np.lexsort((edges[:, 1], edges[:, 0]))
         edges, zeros = edges[order], zeros[order]
     return solid
@@ -181,7 +171,7 @@ def _move_near(
     # a point moves along edges that lie on all of its patches
     is_free = common == np.asarray(patches.sum(axis=1)).ravel()[point]
     unmoved, first_level = points.copy(), level.copy()
-    is_near = is_free & (distance < _NEAR)
+    is_near = is_free & (distance < SOLIDS.near)
     # the nearest of its zeros
     order = np.flatnonzero(is_near)[np.argsort(distance[is_near], kind="stable")]
     chosen, first = np.unique(point[order], return_index=True)
@@ -191,13 +181,13 @@ def _move_near(
     is_moved = np.zeros(len(points), dtype=bool)
     is_moved[chosen] = True
     while True:
-        is_flat = np.sign(volume) * volumes(points, cells) < _FLAT * np.abs(volume)
+        is_flat = np.sign(volume) * volumes(points, cells) < SOLIDS.flat * np.abs(volume)
         back = np.unique(cells[is_flat])
         back = back[is_moved[back]]
         if not len(back):
             break
         points[back], level[back], is_moved[back] = unmoved[back], first_level[back], False
-    level[point[(distance < _ON_IT) & ~is_moved[point]]] = 0.0
+    level[point[(distance < SOLIDS.on_it) & ~is_moved[point]]] = 0.0
 
 
 def _cut(

@@ -21,16 +21,24 @@ from .enclosed import Enclosed, PartWarning
 from .figures import BodyFigures, Figures
 from .widths import Width
 
-#: Share by which psi of the parts may exceed the reported one, a constraint its bound, and a
-#: frequency differ from the reported one, before that is said
-_DIFFERENCE = 0.02
-#: The same of the largest stress, which differs as much from mesh to mesh where edges begin at an
-#: interface
-_STRESS_DIFFERENCE = 0.1
-#: Meshes at most if psi has converged and only constraints are undecided
-_MESHES_FOR_BOUNDS = 3
-#: Number of frequencies that are compared and shown
-_FREQUENCIES = 3
+
+@dataclass(frozen=True)
+class VerificationOptions:
+    """When a verification is done, and which differences it names."""
+
+    #: Share by which psi of the parts may exceed the reported one, a constraint its bound, and a
+    #: frequency differ from the reported one, before that is named
+    difference: float = 0.02
+    #: The same of the largest stress, which differs as much from mesh to mesh where edges begin at
+    #: an interface
+    stress_difference: float = 0.1
+    #: Number of meshes at most if psi has converged and only constraints are undecided
+    meshes_for_bounds: int = 3
+    frequencies: int = 3  #: Number of frequencies that are compared and shown
+    recorded_frequencies: int = 6  #: Number of frequencies that are recorded
+
+
+VERIFICATION = VerificationOptions()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,7 +134,11 @@ class Verification:
         """Constraints and volumes that are more than 2 % beyond their bounds, by how much."""
         # NaN is not below a bound
         excesses = self.fitted[-1].excesses
-        return {name: excess for name, excess in excesses.items() if not excess <= _DIFFERENCE}
+        return {
+            name: excess
+            for name, excess in excesses.items()
+            if not excess <= VERIFICATION.difference
+        }
 
     @property
     def differences(self) -> list[str]:
@@ -135,19 +147,19 @@ class Verification:
         psi and frequencies that differ by more than 2 %, and a largest stress by more than 10 %.
         """
         sentences = []
-        if abs(self.difference) > _DIFFERENCE:
+        if abs(self.difference) > VERIFICATION.difference:
             sentences.append(f"psi {self.reported.psi:.4g}, of the parts {self.psi:.4g}")
         for name, body in self.fitted[-1].bodies.items():
             design = self.reported.bodies[name]
             for number, (reported, fitted) in enumerate(_frequencies(design, body), 1):
-                if abs(fitted - reported) > _DIFFERENCE * abs(reported):
+                if abs(fitted - reported) > VERIFICATION.difference * abs(reported):
                     sentences.append(
                         f"frequency {number} of {name!r} {reported:.4g} Hz, "
                         f"of the part {fitted:.4g} Hz"
                     )
             if design.stress is None or body.stress is None:
                 continue
-            if abs(body.stress - design.stress) > _STRESS_DIFFERENCE * design.stress:
+            if abs(body.stress - design.stress) > VERIFICATION.stress_difference * design.stress:
                 sentences.append(
                     f"largest stress of {name!r} {design.stress / 1e6:.4g} MPa, "
                     f"of the part {body.stress / 1e6:.4g} MPa"
@@ -216,40 +228,51 @@ class Verification:
         return lines
 
     def record(self) -> dict[str, Any]:
-        """What the parts are worth and measure, for `write_summary`; lengths in metres.
+        """What `summary.json` holds of it, see `run_record`: pairs are reported and of the part."""
+        reported, finest = self.reported, self.fitted[-1]
+        keys = "difference differences violations change tolerance converged".split()
+        return {
+            "reported": reported.psi,
+            "part": self.psi,
+            **{key: getattr(self, key) for key in keys},
+            "meshes": [{"size": figures.size, "psi": figures.psi} for figures in self.fitted],
+            "constraints": _pairs(reported.constraints, finest.constraints),
+            "load_cases": _pairs(reported.load_cases, finest.load_cases),
+            "bodies": {name: self._record_of_body(name) for name in finest.bodies},
+        }
 
-        Values of bodies are numbers where one is designed, and by name where several are.
-        """
-
-        def by_body(values: Mapping[str, Any]) -> Any:
-            return next(iter(values.values())) if len(values) == 1 else dict(values)
-
-        finest = self.fitted[-1]
-        record: dict[str, Any] = {"psi_part": self.psi}
-        if self.reported.load_cases:
-            record["psi_part_by_load_case"] = finest.load_cases
-        for key in ("difference", "differences", "change", "violations"):
-            record[f"part_{key}"] = getattr(self, key)
-        record["part_pieces"] = by_body({name: part.pieces for name, part in self.parts.items()})
-        record["part_mass"] = by_body({name: body.mass for name, body in finest.bodies.items()})
-
-        keys = {"holes": "part_holes", "pockets": "part_pockets"}
-        measures = {name: part.measures() for name, part in self.parts.items()}
-        for label in dict.fromkeys(label for of_part in measures.values() for label in of_part):
-            values = {name: of_part.get(label) for name, of_part in measures.items()}
-            record[keys.get(label, label.replace(" ", "_"))] = by_body(
-                {name: v.value if isinstance(v, Width) else v for name, v in values.items()}
-            )
-        return record
+    def _record_of_body(self, name: str) -> dict[str, Any]:
+        part, bodies = self.parts[name], (self.reported.bodies[name], self.fitted[-1].bodies[name])
+        measures = part.measures()
+        most = VERIFICATION.recorded_frequencies
+        return {
+            "cells": bodies[1].cells,
+            "elements": part.elements,
+            "modes": self.modes[name],
+            "pieces": part.pieces,
+            **{
+                label.replace(" ", "_"): value.value if isinstance(value, Width) else value
+                for label, value in measures.items()
+            },
+            **{
+                key: [getattr(body, key) for body in bodies] for key in ("mass", "volume", "stress")
+            },
+            "frequencies": [body.frequencies[:most] for body in bodies],
+        }
 
     def __repr__(self) -> str:
         """The table as text."""
         return self.summary()
 
 
+def _pairs(reported: Mapping[str, float], fitted: Mapping[str, float]) -> dict[str, list[float]]:
+    """Values by name, reported and of the parts."""
+    return {name: [reported[name], value] for name, value in fitted.items()}
+
+
 def _frequencies(design: BodyFigures, part: BodyFigures) -> Iterator[tuple[float, float]]:
     """The lowest frequencies of a design and of its part [Hz]."""
-    return zip(design.frequencies[:_FREQUENCIES], part.frequencies, strict=False)
+    return zip(design.frequencies[: VERIFICATION.frequencies], part.frequencies, strict=False)
 
 
 def verify(
@@ -370,7 +393,7 @@ def verify(
         for body, reduced in bodies.values():
             body.warn_of_missing_modes(reduced)
         result = Verification(reported, fitted, tolerance, normal_modes, parts, limits, bodies)
-        if result.converged and (result.decided or len(fitted) >= _MESHES_FOR_BOUNDS):
+        if result.converged and (result.decided or len(fitted) >= VERIFICATION.meshes_for_bounds):
             break
 
     fitted[-1] = _with_stress(fitted[-1], corrected, calibrated)
@@ -453,7 +476,7 @@ def _doubts(result: Verification) -> Iterator[str]:
             f"to {fine:.3g} mm; give a smaller size or more meshes (most=), or look for members "
             "thinner than that"
         )
-    if result.difference > _DIFFERENCE:
+    if result.difference > VERIFICATION.difference:
         yield (
             f"psi is {100 * result.difference:.1f} % above what was reported: elements bridge a "
             "member that is broken or thinner than they are, or are coarse themselves. Look at "
@@ -468,7 +491,7 @@ def _doubts(result: Verification) -> Iterator[str]:
         )
     for name, excess in result.violations.items():
         of_design = result.reported.excesses[name]
-        if of_design <= _DIFFERENCE:
+        if of_design <= VERIFICATION.difference:
             remedy = "design with a bound that much tighter"
         else:
             remedy = (

@@ -20,22 +20,20 @@ from ..files import file_names
 from ..io import read_history
 from .numbers import Scale, aligned, real
 
-#: Pictures of demos, with a caption and the function of `plotting` that draws them
+#: Captions of pictures that have a place on the page
 PICTURES = {
-    "scene.png": ("The mechanism at one instant of its motion.", "plot_scene"),
-    "design.png": ("Densities of the design: solid is black, void is white.", "plot_design"),
-    "part.png": ("The part, and enlarged where it is thinnest and tightest.", "plot_part"),
-    "boundary.gif": ("The boundary of the part as it moves.", "animate_boundary"),
-    "motion.gif": ("The mechanism in motion.", "animate_motion"),
-    "stress.png": ("Largest von Mises stress over the motion.", "plot_stress"),
-    "stress_before.png": (
-        "Largest von Mises stress before the boundary of the part was moved.",
-        "plot_stress",
-    ),
-    "modes.png": ("Shape functions of the body.", "plot_modes"),
+    "scene.png": "The mechanism at one instant of its motion.",
+    "design.png": "Densities of the design: solid is black, void is white.",
+    "part.png": "The part, and enlarged where it is thinnest and tightest.",
+    "solid.png": "The part, as a solid.",
+    "boundary.gif": "The boundary of the part as it moves.",
+    "motion.gif": "The mechanism in motion.",
+    "stress.png": "Largest von Mises stress over the motion.",
+    "stress_before.png": "Largest von Mises stress before the boundary of the part was moved.",
+    "modes.png": "Shape functions of the body.",
 }
-#: Pictures that are reported as missing
-_EXPECTED = ("scene.png", "motion.gif", "design.png")
+#: Pictures that are reported as missing, with the functions of `plotting` that draw them
+_EXPECTED = {"scene.png": "plot_scene", "motion.gif": "animate_motion", "design.png": "plot_design"}
 #: Pictures of the history, which the report draws itself
 _OF_HISTORY = ("history.png", "history.svg")
 #: Largest size of all pictures on a page [bytes]
@@ -98,10 +96,10 @@ class Folder:
     def picture(self, name: str) -> Picture | None:
         """A picture of the folder, or None if it is missing, damaged or too large."""
         file = self.path / name
-        caption_of_kind, made_by = PICTURES.get(name, ("", ""))
         if not file.is_file():
             if name in _EXPECTED:
-                self.missing.append(f"{name}: {caption_of_kind[:-1].lower()} (plotting.{made_by})")
+                drawn = PICTURES[name][:-1].lower()
+                self.missing.append(f"{name}: {drawn} (plotting.{_EXPECTED[name]})")
             return None
         content = file.read_bytes()
         try:
@@ -126,8 +124,10 @@ class Folder:
                 return None
             content, kind, first_frame = first_frame, "PNG", b""
         self._bytes += len(content) + len(first_frame)
-        words = re.sub(r"[_-]+", " ", Path(name).stem).strip()
-        caption = caption_of_kind or f"{words[:1].upper()}{words[1:]}."
+        words = re.sub(r"[_-]+", " ", file.stem).strip()
+        caption = PICTURES.get(file.name, f"{words[:1].upper()}{words[1:]}.")
+        if file.parent != self.path:
+            caption = f"{file.parent.name}: {caption}"
         first_frame_source = data_uri(first_frame, "image/png") if first_frame else ""
         return Picture(
             caption, data_uri(content, f"image/{kind.lower()}"), width, height, first_frame_source
@@ -139,14 +139,12 @@ class Folder:
         further = [n for n in names if n not in (*PICTURES, *_OF_HISTORY) and not n.startswith(".")]
         return [picture for name in further if (picture := self.picture(name)) is not None]
 
-    def drawing_of(self, body: str, *, alone: bool) -> Path | None:
-        """The SVG file of the part of a body; ``alone`` if there is no other part."""
+    def pictures_of_bodies(self) -> list[Picture]:
+        """Pictures of the parts of several bodies, which stand in a folder each."""
         bodies = self.record.get("volume")
-        safe = file_names([*(bodies if isinstance(bodies, dict) else ()), body])[body]
-        names = [f"{safe}/part.svg", f"part_{safe}.svg", f"{safe}.svg"]
-        if alone:
-            names = ["part.svg", "part/part.svg", *names]
-        return next((self.path / name for name in names if (self.path / name).is_file()), None)
+        folders = file_names(bodies).values() if isinstance(bodies, dict) else ()
+        names = [f"{body}/{kind}.png" for body in folders for kind in ("part", "solid")]
+        return [picture for name in names if (picture := self.picture(name)) is not None]
 
 
 def _columns(file: Path) -> dict[str, Array]:

@@ -6,10 +6,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 from .folder import Row, Run, Table, words
 from .numbers import NOTHING, Scale, fixed, percent, real
@@ -32,41 +29,12 @@ _BODY = {
     "highest_frequency": "Highest mode [Hz]",
     "next_frequency": "Next mode [Hz]",
 }
-_NAMESPACE = "{http://www.w3.org/2000/svg}"
-#: Data of a path
-_PATH = re.compile(r"[MLACQZHVmlacqzhv0-9eE+\-.,\s]+")
-_VIEW_BOX = re.compile(r"\s*([-0-9.eE+]+\s+){3}[-0-9.eE+]+\s*")
 
 
-def parts(run: Run) -> list[dict[str, Any]]:
-    """Name, outline and table of each part."""
-    recorded = run.mapping("parts")
-    sections = []
-    for name, recorded_part in recorded.items():
-        file, outline = run.folder.drawing_of(name, alone=len(recorded) == 1), None
-        if file is None:
-            run.missing(f"part.svg: the drawing of the part {name} (Part.write)")
-        else:
-            try:
-                outline = read_outline(file)
-            except ValueError as error:
-                run.missing(f"{file.name}: the drawing of the part {name} cannot be used ({error})")
-        sections.append(
-            {"name": name, "outline": outline, "table": _dimensions(name, recorded_part)}
-        )
-    return sections
-
-
-def outline(run: Run) -> Outline | None:
-    """The outline in part.svg where no part is recorded."""
-    file = run.folder.drawing_of("part", alone=True)
-    if run.mapping("parts") or file is None:
-        return None
-    try:
-        return read_outline(file)
-    except ValueError as error:
-        run.missing(f"{file.name}: {error}")
-        return None
+def parts(run: Run) -> list[Table]:
+    """The dimensions of each part."""
+    tables = [_dimensions(name, part) for name, part in run.mapping("parts").items()]
+    return [table for table in tables if table]
 
 
 def _dimensions(name: str, part: Mapping[str, Any]) -> Table | None:
@@ -159,29 +127,3 @@ def _integration(recorded: Mapping[str, Any]) -> str:
     if recorded.get("steps"):
         text += f" in {fixed(recorded['steps'])} steps"
     return text
-
-
-@dataclass(frozen=True)
-class Outline:
-    """Outline of a part in its SVG file."""
-
-    path: str  #: Data of the path
-    interfaces: dict[str, str]  #: Data of their paths, by name
-    view_box: str  #: What is seen, four numbers
-
-
-def read_outline(path: Path) -> Outline:
-    """The outlines in an SVG file that `Part.write` has written, or a ValueError.
-
-    Nothing else of the file comes into a page.
-    """
-    try:
-        root = ElementTree.fromstring(path.read_bytes())
-    except (ElementTree.ParseError, LookupError) as error:
-        raise ValueError(f"{path.name} is no SVG file: {error}") from None
-    paths = {e.get("id", ""): e.get("d", "") for e in root.iter(f"{_NAMESPACE}path")}
-    view_box = root.get("viewBox") or ""
-    sound = all(_PATH.fullmatch(data) for data in paths.values())
-    if "part" not in paths or not sound or not _VIEW_BOX.fullmatch(view_box):
-        raise ValueError(f"{path.name} is no drawing of a part")
-    return Outline(paths.pop("part"), paths, view_box)

@@ -17,7 +17,7 @@ errors are shares (0.01 is one percent), and None stands for what is not known.
 | ``scene`` | ``text`` of `model_report` and its ``modes_error``, ``step_error``, ``coordinates``, ``rows``, ``left_out``; ``bodies`` by name (kind, modes, frequencies [Hz], elements, order, material); ``joints`` (name, kind, between, of several motions the motion); of one motion ``loads`` in words; ``integrator`` and its ``duration`` [s], ``steps``, ``order`` |
 | ``parts`` | by body: ``area`` [m^2], ``thickness`` [m], ``mass`` [kg], ``center`` and ``bounds`` [m], ``thinnest_member`` and ``narrowest_gap`` (``value`` and both ``ends`` [m]), ``pieces``, ``holes``, ``loose`` (number of pieces left out), ``deviation`` of the curves [m] |
 | ``bound`` | ``text`` on the lower bound of psi, or why there is none; where there is one its ``psi``, psi of the ``full`` bodies and of the best ``sheet`` without vibrations, and the ``gap`` by which psi of the design is above it at most |
-| ``verification`` | ``reported`` and ``part``: psi; ``difference``, ``change`` by the last mesh, ``tolerance``, ``converged``; ``meshes`` (``size`` [m], ``psi``); ``constraints`` by name, pairs; ``load_cases``, of several the pairs of psi by name; ``bodies`` by name: ``cells`` and what they are, ``elements``, ``modes``, of solids ``thinnest_member`` and ``narrowest_gap`` [m], and pairs reported, part of ``mass`` [kg], ``volume``, ``stress`` [Pa], ``frequencies`` [Hz] |
+| ``verification`` | ``reported`` and ``part``: psi; ``difference``, ``change`` by the last mesh, ``tolerance``, ``converged``; ``differences`` in words, ``violations`` by name; ``meshes`` (``size`` [m], ``psi``); ``constraints`` by name, pairs; ``load_cases``, of several the pairs of psi by name; ``bodies`` by name: ``cells`` and what they are, ``elements``, ``modes``, ``pieces``, ``holes`` and ``pockets`` of flat parts, ``thinnest_member`` and ``narrowest_gap`` [m], and pairs reported, part of ``mass`` [kg], ``volume``, ``stress`` [Pa], ``frequencies`` [Hz] |
 | ``warnings`` | ``category`` and ``message`` of each, in their order |
 | ``versions`` | of the package and of what it is built on, by name; operating system and machine |
 | ``command``, ``date``, ``ranks``, ``seconds`` | how to repeat it, when it ended (ISO 8601), MPI ranks, time of the design loop [s] |
@@ -51,7 +51,7 @@ from ..mechanism import AngleCoupling, Mechanism, PrescribedAngle, marker_name
 from ..objective import JointForce, Objective
 from ..optimization import Result
 from ..parallel import on_rank_0
-from ..part import Part, Solid, Verification, Width
+from ..part import Part, Verification, Width
 from ..postprocessing import model_report, worst_stress
 from ..problem import Evaluation, Problem
 
@@ -61,8 +61,6 @@ KEYS = (
     "objective bound load_cases references constraints frequencies stress scene parts verification "
     "warnings versions command date ranks seconds"
 ).split()
-#: Quantities of a body that are recorded of the densities and of the part
-_OF_BODY = ("mass", "volume", "stress")
 #: How many frequencies of each body are recorded
 _FREQUENCIES = 6
 
@@ -154,7 +152,7 @@ def run_record(
         "parts": on_rank_0(
             problem.comm, lambda: {name: _part(part) for name, part in planar_parts.items()}
         ),
-        "verification": None if verification is None else _verification(verification),
+        "verification": None if verification is None else verification.record(),
         "bound": _bound(result, evaluation.psi if verification is None else verification.psi),
         "warnings": warning_entries,
         "versions": _versions(),
@@ -326,31 +324,6 @@ def _part(part: Part) -> dict[str, Any]:
         "thinnest_member": width(part.thinnest_member),
         "narrowest_gap": width(part.narrowest_gap),
         "loose": len(part.loose),
-    }
-
-
-def _verification(verification: Verification) -> dict[str, Any]:
-    reported, finest, bodies = verification.reported, verification.fitted[-1], {}
-    for name, body in finest.bodies.items():
-        body_part, pair = verification.parts[name], (reported.bodies[name], body)
-        entry = {
-            "cells": body.cells,
-            "elements": body_part.elements,
-            "modes": verification.modes[name],
-        }
-        if isinstance(body_part, Solid):  # widths of planar parts are recorded with the parts
-            widths = _attributes(body_part, "thinnest_member", "narrowest_gap")
-            entry |= {what: width and width.value for what, width in widths.items()}
-        entry |= {key: [getattr(body_, key) for body_ in pair] for key in _OF_BODY}
-        bodies[name] = {**entry, "frequencies": [b.frequencies[:_FREQUENCIES] for b in pair]}
-    pairs = {
-        key: {n: [getattr(reported, key)[n], value] for n, value in getattr(finest, key).items()}
-        for key in ("constraints", "load_cases")
-    }
-    return {
-        **_attributes(verification, "difference", "change", "tolerance", "converged"),
-        **{"reported": reported.psi, "part": verification.psi, **pairs, "bodies": bodies},
-        "meshes": [_attributes(row, "size", "psi") for row in verification.fitted],
     }
 
 

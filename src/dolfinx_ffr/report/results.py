@@ -253,8 +253,9 @@ def reported_and_part(run: Run) -> list[Table]:
 
         row("Mass", "kg", body["mass"])
         row("Share of the full body", "-", body["volume"])
-        row("Thinnest member", "m", (None, body.get("thinnest_member")))
-        row("Narrowest gap", "m", (None, body.get("narrowest_gap")))
+        if name not in run.mapping("parts"):  # which have them, too
+            row("Thinnest member", "m", (None, body.get("thinnest_member")))
+            row("Narrowest gap", "m", (None, body.get("narrowest_gap")))
         row("Largest stress", "Pa", body["stress"])
         for number, pair in enumerate(zip(*body["frequencies"], strict=False), 1):
             row(f"Frequency {number}", "Hz", pair)

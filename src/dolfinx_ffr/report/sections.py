@@ -80,10 +80,10 @@ def sections(folder: Folder, title: str = "") -> dict[str, Any]:
         "feasible": record.get("feasible"),
         "moved": run.moved,
         **{name: run.built(what, build, nothing) for name, what, build, nothing in _BUILT},
-        "outline": model.outline(run),
         "command": record.get("command") or "",
         "seconds": _duration(record.get("seconds")),
         "pictures": {Path(name).stem: folder.picture(name) for name in PICTURES},
+        "pictures_of_bodies": folder.pictures_of_bodies(),
         "further_pictures": folder.further_pictures(),
         "files": _files(folder),
         "missing": folder.missing,
@@ -287,8 +287,8 @@ def write_report(
     """Write the report of a run as one HTML file; rank 0 reads and writes.
 
     It is made from the files of the folder: ``summary.json`` (`run_record` lists the keys),
-    ``history.csv``, the pictures, and ``part.svg`` with the outline of the part. Missing entries
-    are left out, and listed at the end of the page.
+    ``history.csv`` and the pictures, of several bodies those of their parts in the folders of the
+    bodies. Missing entries are left out, and listed at the end of the page.
 
     Args:
         comm: The ranks that call.
