@@ -144,18 +144,11 @@ def entity_vertices(domain: mesh.Mesh, dim: int) -> NDArray[np.int32]:
     return _as_table(domain.topology.connectivity(dim, 0))
 
 
-def gmsh_model_to_mesh(
-    model: Any, comm: MPI.Comm, rank: int, dimension: int
-) -> tuple[mesh.Mesh, Any, Any]:
-    """Mesh, cell tags and facet tags of a gmsh model in the plane or in space."""
-    try:
-        from dolfinx.io import gmshio
-    except ImportError:  # renamed in 0.10, and its result became a record
-        from dolfinx.io import gmsh as gmshio
-    result = gmshio.model_to_mesh(model, comm, rank, gdim=dimension)
-    if isinstance(result, tuple) and len(result) == 3:
-        return result
-    return result.mesh, result.cell_tags, result.facet_tags
+def gmsh_order(cell: str, nodes: int) -> list[int]:
+    """Where the nodes of DOLFINx's cell stand among those of gmsh's."""
+    from dolfinx.cpp.io import perm_gmsh
+
+    return list(perm_gmsh(getattr(mesh.CellType, cell), nodes))
 
 
 def set_form_cache(directory: Path) -> None:
@@ -191,10 +184,12 @@ def create_mesh(comm: MPI.Comm, cells: Integers, x: Array, cell: str, degree: in
     try:
         import basix.ufl
 
-        element = basix.ufl.element("Lagrange", cell, degree, shape=(x.shape[1],))
+        equispaced = basix.LagrangeVariant.equispaced
+        element = basix.ufl.element("P", cell, degree, equispaced, shape=(x.shape[1],))
     except ImportError:
         shape = ufl.Cell(cell, geometric_dimension=x.shape[1])
-        element = ufl.VectorElement("Lagrange", shape, degree)
+        scalar = ufl.FiniteElement("Lagrange", shape, degree, variant="equispaced")
+        element = ufl.VectorElement(scalar)
     names = list(inspect.signature(mesh.create_mesh).parameters)
     arguments = {names[0]: comm, "cells": cells, "x": x}
     name_of_element = next(n for n in names[1:] if n not in arguments)  # "domain" or "e"

@@ -23,7 +23,7 @@ from ..parallel import announce, on_every_rank
 from . import _compat
 from .curves import ShapeError
 from .domain import Domain
-from .mesh_checks import vertex_nodes
+from .mesh_arrays import MeshArrays, distribute
 
 #: Regions of a body
 DESIGNED, SOLID, VOID = 0, 1, 2
@@ -216,34 +216,22 @@ class Tetrahedra:
         order: int,
     ) -> Domain:
         """A body of what is not void; facets refer to places in ``names``."""
+        arrays = None
         with on_every_rank(comm, "a body of tetrahedra"):
-            not_void = self.regions != VOID
-            used, cells = np.unique(self.cells[not_void], return_inverse=True)
-            cells = cells.reshape(-1, 4)
-            tags, solid = self.facets[not_void], self.regions[not_void] == SOLID
-            sides = cells[:, _OPPOSITE]
-            triples = {n: np.sort(sides[tags == i], axis=1) for i, n in enumerate(names)}
-        triples, solid = comm.bcast((triples, solid))
-        mesh = _compat.create_mesh(comm, cells, self.points[used], "tetrahedron", 1)
-        number = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
-        node = number[vertex_nodes(mesh)]
-        sides = np.sort(node[_compat.entity_vertices(mesh, 2)], axis=1)
-        facets_by_name = {
-            name: np.flatnonzero(np.isin(sides @ _KEY, triple @ _KEY)).astype(np.int32)
-            for name, triple in triples.items()
-            if len(triple)
-        }
-        mine = np.asarray(mesh.topology.original_cell_index)
-        chosen = solid[mine[: mesh.topology.index_map(3).size_local]]
+            if comm.rank == 0:
+                not_void = self.regions != VOID
+                used, cells = np.unique(self.cells[not_void], return_inverse=True)
+                cells = cells.reshape(-1, 4)
+                tags, sides = self.facets[not_void], cells[:, _OPPOSITE]
+                facets = {name: sides[tags == i] for i, name in enumerate(names) if i in tags}
+                regions = {"solid": self.regions[not_void] == SOLID}
+                arrays = MeshArrays("tetrahedron", 1, self.points[used], cells, facets, regions)
+        mesh, facets_by_name, cells_by_name = distribute(comm, arrays)
         known_centers = {name: center for name, center in centers.items() if name in facets_by_name}
         # a part that stays solid everywhere has nothing that could be designed again
-        return Domain(
-            mesh,
-            facets_by_name,
-            None if np.all(solid) else chosen,
-            order=order,
-            centers=known_centers,
-        )
+        all_solid = comm.bcast(arrays is not None and bool(np.all(arrays.regions["solid"])))
+        solid = None if all_solid else cells_by_name["solid"]
+        return Domain(mesh, facets_by_name, solid, order=order, centers=known_centers)
 
 
 def _facets(domain: Domain) -> Integers:
