@@ -52,6 +52,9 @@ def test_pictures_of_a_motion(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     if comm.rank == 0:
         image = imread(picture)[..., :3]
         assert np.mean(np.ptp(image, axis=2) > 0.3) > 0.01
+        # the block of the slider, as in the plane
+        block = np.array([0xB6, 0xBE, 0xC8]) / 255.0
+        assert np.sum(np.max(np.abs(image - block), axis=2) < 0.02) > 200
         frames = []
         with Image.open(film) as pictures:
             assert pictures.n_frames == 4

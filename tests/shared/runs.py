@@ -81,7 +81,6 @@ def record() -> dict[str, Any]:
                 "pieces": 1,
                 "holes": 1,
                 "loose": 0,
-                "deviation": 4e-6,
             }
         },
         "verification": {

@@ -39,7 +39,6 @@ class CurveOptions:
     # polygons that stand for the curves
     accuracy: float = 1e-3  #: Distance between curves and their polygons
     crossing_accuracy: float = 1e-4  #: The same where crossings of curves are looked for
-    samples_of_span: int = 8  #: Points of a span at which the distance from the zero line is taken
     #: Width up to which a strip along the outline is the difference of two polygons, and no pocket
     strip: float = 0.1
 

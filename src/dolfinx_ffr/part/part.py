@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
 
 from .. import validation
 from ..arrays import Array, Integers
@@ -50,7 +49,7 @@ from .boundary import Side, boundary
 from .cut import cut
 from .enclosed import Findings
 from .export import Loop, Sheet, write
-from .field import Field, evaluated
+from .field import Field
 from .in_space import mesh_solid
 from .lattice import DESIGN, VOID, Lattice
 from .options import CURVES, MESHES
@@ -87,7 +86,6 @@ class _Findings(Findings):
     drawing: Drawing  #: Designed and solid faces
     outlines: Outlines
     interfaces: InterfacesOfCurves
-    deviation: float  #: Largest distance of curves from the zero line [m]
     loose: list[LoosePiece]
     crossing: str  #: Where curves cross [mm], empty if they do not
 
@@ -182,7 +180,6 @@ class Part(Verifiable):
             interfaces=interfaces,
             pieces=len(outlines),
             loose=[],
-            deviation=0.0,
             loose_warning="",
         )
         # the field of the first part has another boundary
@@ -203,15 +200,6 @@ class Part(Verifiable):
         if not self.web:
             return []
         return pocket_faces(self.drawing, self.body.outline, self.spacing)
-
-    @property
-    def deviation(self) -> float:
-        """Largest distance of the curves from the zero line of the field [m].
-
-        It is |phi| / |grad phi| at eight points of each span of the splines, and within a tenth of
-        a spacing of corners is not looked at.
-        """
-        return self._findings.deviation
 
     @property
     def loose(self) -> list[LoosePiece]:
@@ -485,7 +473,6 @@ def _find(
         drawing=drawing(sides, attachment.pieces, names),
         outlines=around,
         interfaces=interfaces,
-        deviation=_deviation([side.curve for side in of_part if side.field], field, spacing),
         loose_warning=attachment.loose_warning,
         warnings=attachment.warnings + _polygon_warnings(of_part, names),
         loose=loose,
@@ -558,24 +545,3 @@ def _crossing(around: Outlines, accuracy: float) -> str:
         return ""
     numbers = shapely.is_valid_reason(shape).partition("[")[2].strip("]").split()
     return "(" + ", ".join(f"{1e3 * float(number):.5g}" for number in numbers[:2]) + ")"
-
-
-def _deviation(curves: Sequence[Curve], field: Field, spacing: float) -> float:
-    """Largest distance of curves from the zero line of a field [m], corners left out."""
-    if not curves:
-        return 0.0
-    samples = []
-    for curve in curves:
-        knots = curve.breaks()
-        within_span = (np.arange(CURVES.samples_of_span) + 0.5) / CURVES.samples_of_span
-        t = knots[:-1, None] + np.diff(knots)[:, None] * within_span
-        samples.append(curve.at(t.ravel()))
-    x = np.vstack(samples)
-    ends = np.array([end for curve in curves for end in (curve.start, curve.end)])
-    x = x[cKDTree(ends).query(x)[0] > 0.1 * spacing]
-    if not len(x):
-        return 0.0
-    step = 1e-4 * spacing
-    change = [evaluated(field, x + step * e) - evaluated(field, x - step * e) for e in np.eye(2)]
-    slope = np.maximum(np.hypot(*(np.array(change) / (2.0 * step))), 1e-300)
-    return float(np.max(np.abs(evaluated(field, x)) / slope))

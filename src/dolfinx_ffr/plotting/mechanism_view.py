@@ -28,6 +28,8 @@ from .style import DARK, GRAY, LABEL, LIGHT, STEEL
 VOID = 0.3
 #: Size of a pin, and margin around the mechanism, relative to the extent of what is drawn
 _PIN, _MARGIN = 0.018, 0.06
+#: Width of a letter and height of a line, in sizes of a pin
+_LETTER, _LINE = 0.7, 1.6
 
 
 class MechanismView:
@@ -49,6 +51,7 @@ class MechanismView:
         self.axes, self.scene, self.magnification = axes, scene, magnification
         self.colors = colors
         self._updates: list[Callable[[int], None]] = []
+        self._texts: list[tuple[Array, Array]] = []  # middles and sizes [m]
         canvas = canvas_class(scene.dimension)
         self.canvas = canvas(axes, scene.visible_points(magnification, canvas.project), _MARGIN)
         self.unit = _PIN * self.canvas.extent  #: Size of a pin [m]
@@ -251,11 +254,11 @@ class MechanismView:
             across = _normal(np.linalg.svd(shape - shape.mean(axis=0), full_matrices=False)[2][0])
             self._write(name, middle, across if across[1] >= 0.0 else -across, shape)
         for i, joint in enumerate(self.scene.mechanism.joints):
-            if not joint.symbols:
-                continue
             name = getattr(joint, "name", "")
             if i in self.scene.arms:
                 name = name or self.scene.arms[i].marker.name
+            if not (joint.symbols and name):
+                continue
             place = self._place(_marker_on_body(joint.markers), 0)
             slides = any(isinstance(symbol, Slider) for symbol in joint.symbols)
             if slides or any(isinstance(marker, Ground) for marker in joint.markers):
@@ -265,14 +268,22 @@ class MechanismView:
                 self._write(name, place, np.array([0.0, 1.0]), points)
 
     def _write(self, text: str, start: Array, direction: Array, points: Array) -> None:
-        """Write a text in a direction from a place, beyond the points that lie there."""
+        """Write a text in a direction from a place, beyond the points and texts that lie there."""
         offsets = points - start
         beside = np.abs(offsets @ _normal(direction)) < 1.5 * self.unit
         reach = float(np.max((offsets @ direction)[beside], initial=0.0))
-        x, y = start + (reach + 1.6 * self.unit) * direction
-        side = "center" if abs(direction[0]) < 0.5 else "left" if direction[0] > 0.0 else "right"
-        look: dict[str, Any] = {"ha": side, "va": "center", "bbox": {**LABEL, "alpha": 0.8}}
-        self.axes.text(x, y, text, zorder=3.0, **look)
+        position = start + (reach + 1.6 * self.unit) * direction
+
+        side = 0.0 if abs(direction[0]) < 0.5 else float(np.sign(direction[0]))
+        size = self.unit * np.array([_LETTER * len(text), _LINE])
+        middle = position + np.array([0.5 * side * size[0], 0.0])
+        up = np.array([0.0, 1.0 if direction[1] >= 0.0 else -1.0])
+        while any(np.all(np.abs(middle - m) < 0.5 * (size + s)) for m, s in self._texts):
+            position, middle = position + size[1] * up, middle + size[1] * up
+        self._texts.append((middle, size))
+        look: dict[str, Any] = {"va": "center", "bbox": {**LABEL, "alpha": 0.8}, "zorder": 3.0}
+        look["ha"] = {0.0: "center", 1.0: "left", -1.0: "right"}[side]
+        self.axes.text(*position, text, **look)
 
 
 def _marker_on_body(markers: Sequence[Marker]) -> Marker:

@@ -92,8 +92,6 @@ def _facts(part: Part) -> str:
         facts.append(f"web {1e3 * part.web * part.thickness:.3g} mm")
     if part.loose:
         facts.append(f"{len(part.loose)} loose left out")
-    if part.deviation:  # none of moved boundaries
-        facts.append(f"within {max(1e6 * part.deviation, 1e-3):.2g} µm of the zero line")
     return "   ".join(facts)
 
 

@@ -59,7 +59,6 @@ def _dimensions(name: str, part: Mapping[str, Any]) -> Table | None:
         rows.append((quantity, *(Scale.of("m", width["value"], 3) if width else ("none", ""))))
     counts = {"Pieces": "pieces", "Holes": "holes", "Loose pieces left out": "loose"}
     rows += [(quantity, fixed(part[key]), "") for quantity, key in counts.items()]
-    rows.append(("Deviation of the drawn curves", fixed(1e6 * part["deviation"], 2), "µm"))
     return Table.of(f"Part {name}", ["", "Value", "Unit"], rows, [1])
 
 

@@ -15,7 +15,7 @@ errors are shares (0.01 is one percent), and None stands for what is not known.
 | ``frequencies`` | by body, with its interfaces held [Hz] |
 | ``stress`` | by body: ``value``, the largest von Mises stress [Pa], ``time`` [s], ``position`` [m], of several load cases the ``load_case`` |
 | ``scene`` | ``text`` of `model_report` and its ``modes_error``, ``step_error``, ``coordinates``, ``rows``, ``left_out``; ``bodies`` by name (kind, modes, frequencies [Hz], elements, order, material); ``joints`` (name, kind, between, of several motions the motion); of one motion ``loads`` in words; ``integrator`` and its ``duration`` [s], ``steps``, ``order`` |
-| ``parts`` | by body: ``area`` [m^2], ``thickness`` [m], ``mass`` [kg], ``center`` and ``bounds`` [m], ``thinnest_member`` and ``narrowest_gap`` (``value`` and both ``ends`` [m]), ``pieces``, ``holes``, ``loose`` (number of pieces left out), ``deviation`` of the curves [m] |
+| ``parts`` | by body: ``area`` [m^2], ``thickness`` [m], ``mass`` [kg], ``center`` and ``bounds`` [m], ``thinnest_member`` and ``narrowest_gap`` (``value`` and both ``ends`` [m]), ``pieces``, ``holes``, ``loose`` (number of pieces left out) |
 | ``bound`` | ``text`` on the lower bound of psi, or why there is none; where there is one its ``psi``, psi of the ``full`` bodies and of the best ``sheet`` without vibrations, and the ``gap`` by which psi of the design is above it at most |
 | ``verification`` | ``reported`` and ``part``: psi; ``difference``, ``change`` by the last mesh, ``tolerance``, ``converged``; ``differences`` in words, ``violations`` by name; ``meshes`` (``size`` [m], ``psi``); ``constraints`` by name, pairs; ``load_cases``, of several the pairs of psi by name; ``bodies`` by name: ``cells`` and what they are, ``elements``, ``modes``, ``pieces``, ``holes`` and ``pockets`` of flat parts, ``thinnest_member`` and ``narrowest_gap`` [m], and pairs reported, part of ``mass`` [kg], ``volume``, ``stress`` [Pa], ``frequencies`` [Hz] |
 | ``warnings`` | ``category`` and ``message`` of each, in their order |
@@ -317,7 +317,7 @@ def _part(part: Part) -> dict[str, Any]:
         return None if measured is None else _attributes(measured, "value", "ends")
 
     return {
-        **_attributes(part, "area", "center", "pieces", "holes", "deviation"),
+        **_attributes(part, "area", "center", "pieces", "holes"),
         "thickness": part.thickness if part.material is not None else None,
         "mass": part.mass if part.weighs else None,
         "bounds": list(part.polygon.bounds),

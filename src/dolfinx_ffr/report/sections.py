@@ -35,6 +35,8 @@ _PANELS = {
     "modes": "Number of normal modes over the iterations",
     "mode_error": "Estimated error by the modes left out over the iterations",
 }
+#: Entries of the record that are reported as missing
+_NEEDED = "psi scene parts verification constraints stress warnings versions command date".split()
 #: Columns of the table of the history, with their headings and units of SI
 _COLUMNS = {
     "iteration": ("Iteration", ""),
@@ -91,19 +93,7 @@ def sections(folder: Folder, title: str = "") -> dict[str, Any]:
 
 
 def _note_missing_keys(run: Run) -> None:
-    words_of_key = {
-        "psi": "the result",
-        "scene": "bodies, joints and integrator of the scene",
-        "parts": "dimensions of the part (parts=...)",
-        "verification": "psi of the part beside that of the densities (verification=...)",
-        "constraints": "constraints and bounds",
-        "stress": "the largest stress",
-        "warnings": "warnings of the run",
-        "versions": "versions of the software",
-        "command": "the command that repeats it",
-        "date": "the date",
-    }
-    lacking = [text for key, text in words_of_key.items() if run.record.get(key) in (None, {}, "")]
+    lacking = [key for key in _NEEDED if run.record.get(key) in (None, {}, "")]
     if lacking:
         run.missing(f"summary.json: {', '.join(lacking)} (ffr.run_record writes them)")
 
