@@ -33,6 +33,14 @@ HERE = Path(__file__).resolve().parent
 #: A line about the job of a number; from several ranks what others write may stand behind it
 PROGRESS = re.compile(r"progress (\d+) (\d[\d.]*(?:e-\d+)?)")
 
+#: Variables that MPI sets in a process, also in one that nobody has started by mpirun, and that a
+#: worker of pytest-xdist inherits. With them a child would take itself for a rank of that process;
+#: by "OMPI_MCA_ess" alone mpirun fails without a message.
+MPI_VARIABLES = (
+    *("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP_CTX", "OMPI_MCA_ess", "OMPI_MCA_orte_"),
+    *("OMPI_MCA_pmix", "PMIX_", "PMI_", "PRTE_ML", "PRTE_LAUNCHED", "ORTE_"),
+)
+
 Array = NDArray[np.float64]
 #: Told which part of the job is done, from 0 to 1
 Progress = Callable[[float], None]
@@ -160,7 +168,12 @@ def run_jobs(
 
 
 def _run(batch: list[Job], tell: Callable[[int, float], None]) -> list[dict[str, Any] | None]:
-    """What the jobs of a process return, None for all of them where one has failed."""
+    """What the jobs of a process return, None for all of them where one has failed.
+
+    What the process writes to standard error is passed on at once; its exit code, and what else it
+    has written to standard output, is shown where it fails.
+    """
+    messages = []
     with tempfile.TemporaryDirectory(prefix="dolfinx_ffr-benchmark.") as directory:
         result = Path(directory) / "result.json"
         tasks = [(job.study, job.function, job.parameters) for job in batch]
@@ -174,10 +187,15 @@ def _run(batch: list[Job], tell: Callable[[int, float], None]) -> list[dict[str,
                 for line in process.stdout or ():
                     if told := PROGRESS.match(line):
                         tell(int(told[1]), float(told[2]))
+                    else:
+                        messages.append(line)
             finally:
                 if process.poll() is None and sys.exc_info()[0] is not None:
                     process.terminate()
         if process.returncode != 0 or not result.exists():
+            titles = ", ".join(job.title for job in batch)
+            ending = f"benchmarks: {titles}: ended with exit code {process.returncode}"
+            tqdm.write("".join([*messages, ending]), file=sys.stderr)
             return [None] * len(batch)
         measured: list[dict[str, Any] | None] = json.loads(result.read_text())
         return [one or {} for one in measured]
@@ -193,10 +211,10 @@ def _environment() -> dict[str, str]:
         check=True,
     ).stdout.decode(errors="surrogateescape")
     variables = dict(entry.split("=", 1) for entry in output.split("\0") if "=" in entry)
-    ours = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX_", "PRTE_ML", "ORTE_", "PMI_")
-    kept = {name: value for name, value in variables.items() if not name.startswith(ours)}
+    for name in [name for name in variables if name.startswith(MPI_VARIABLES)]:
+        del variables[name]
     # the code of this tree is measured, whatever is installed
-    return {**kept, "PYTHONPATH": str(HERE.parent / "src")}
+    return {**variables, "PYTHONPATH": str(HERE.parent / "src")}
 
 
 def _main(tasks: str, result: str) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from growth import exponents
+from jobs import Job, run_jobs
 from matplotlib.image import imread
 from run import PEERS, STUDIES, main
 from shared import TOP
@@ -135,6 +136,18 @@ def test_arrays_are_read_without_this_package(output: Path) -> None:
         assert found == pytest.approx(given, rel=1e-4)
     rod, stored = ffr.VolumeIntegrals.load(files[0]), np.load(files[0])
     assert rod.dimension == 3 and np.array_equal(rod.K, stored["K"])
+
+
+def test_ranks_that_fail_say_why(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Also where this process has inherited what MPI sets in one that mpirun has not started."""
+    monkeypatch.setenv("OMPI_MCA_ess", "singleton")
+    job = Job("scene", "warm_up", 1.0, {"unknown": 0}, ranks=2)
+    assert [result for _, result in run_jobs([job])] == [None]
+    said = capfd.readouterr().err
+    assert "unexpected keyword argument 'unknown'" in said
+    assert "scene: warm_up, 2 ranks: ended with exit code 1" in said
 
 
 def test_meshes_that_take_no_memory_have_an_exponent() -> None:

@@ -8,14 +8,9 @@ import shutil
 import subprocess
 import sys
 
-from shared import TOP
+from jobs import MPI_VARIABLES
 
-#: What MPI has put into the environment of this process, or of the one that has started it as a
-#: worker of pytest-xdist.
-OF_MPI = (
-    *("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP_CTX", "OMPI_MCA_ess", "OMPI_MCA_orte_"),
-    *("OMPI_MCA_pmix", "PMIX_", "PMI_", "PRTE_LAUNCHED", "ORTE_"),
-)
+from shared import TOP
 
 
 def environment(**variables: str) -> dict[str, str]:
@@ -23,7 +18,7 @@ def environment(**variables: str) -> dict[str, str]:
 
     The child finds the modules of this tree, also those of the demos and of the benchmarks.
     """
-    own = {name: value for name, value in os.environ.items() if not name.startswith(OF_MPI)}
+    own = {name: text for name, text in os.environ.items() if not name.startswith(MPI_VARIABLES)}
     own["PYTHONPATH"] = os.pathsep.join(str(TOP / name) for name in ("src", "demos", "benchmarks"))
     # its ranks let others work while they wait: tests run beside this one
     own["OMPI_MCA_mpi_yield_when_idle"] = "1"

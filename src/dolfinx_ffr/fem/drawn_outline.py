@@ -69,10 +69,7 @@ def flat_holes(outline: shapely.Geometry) -> list[FlatHole]:
 def boundary_corners(domain: mesh.Mesh) -> tuple[Array, Array]:
     """Corners (facets, corners, dimension) [m] and outward normals of the facets of all ranks."""
     d = domain.topology.dim
-    boundary_facets = mesh.locate_entities_boundary(
-        domain, d - 1, lambda x: np.full(x.shape[1], True)
-    )
-    facets = boundary_facets[boundary_facets < domain.topology.index_map(d - 1).size_local]
+    facets = mesh.exterior_facet_indices(domain.topology)
     x = domain.geometry.x[:, :d]
     corners = x[facet_nodes(domain, facets)]
     cell_of = domain.topology.connectivity(d - 1, d)
