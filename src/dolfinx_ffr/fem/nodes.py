@@ -57,7 +57,8 @@ class MeshNodes:
         """From nodes of `space` to the displacements' nodes of this rank, (own nodes, nodes)."""
         space, count = self._displacements, self._displacements.dofmap.index_map.size_local
         points = np.asarray(_compat.interpolation_points(space))
-        weights = _compat.tabulate(_compat.coordinate_element(self.mesh), self.mesh, points)
+        table = _compat.geometry_element(self.mesh).tabulate(0, points)
+        weights = np.asarray(table).reshape(len(points), -1)
         nodes, columns = _compat.dofmap_array(space), _compat.dofmap_array(self.space)
         cell, local = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         for i in range(nodes.shape[1]):  # all cells of a node give it the same position
