@@ -16,6 +16,7 @@ from .drawn_outline import FlatHole
 from .elasticity import Block as Block
 from .elasticity import (
     CellFields,
+    FieldPairs,
     Matrices,
     by_dense,
     dense_matrix,

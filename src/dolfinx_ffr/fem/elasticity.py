@@ -15,7 +15,7 @@ import weakref
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -47,6 +47,25 @@ ROWS, CELLS = 4096, 2048
 ALIKE = 1e-11
 #: Thickness over the extent of a body in its plane that is no slip, in plane stress and strain
 THICKEST_STRESS, THICKEST_STRAIN = 10.0, 1000.0
+
+
+class FieldPairs(NamedTuple):
+    """Pairs of fields on which psi depends by sum_a m(w_a, y_a) + sum_i k(phi_i, kappa_i)."""
+
+    w: Block  #: (dofs, a)
+    y: Block  #: (dofs, a)
+    phi: Block  #: (dofs, i)
+    kappa: Block  #: (dofs, i)
+
+    @staticmethod
+    def in_mass(w: Block, y: Block) -> FieldPairs:
+        """Pairs without any in the stiffness."""
+        return FieldPairs(w, y, w[:, :0], w[:, :0])
+
+    @staticmethod
+    def in_stiffness(phi: Block, kappa: Block) -> FieldPairs:
+        """Pairs without any in the mass."""
+        return FieldPairs(phi[:, :0], phi[:, :0], phi, kappa)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,31 +240,27 @@ class Elasticity:
         self.set_density(bar)
         fem.assemble_vector(nodes, self._areas_form)
 
-    def density_gradient(
-        self, x: Array, *pairs: Block, nodes: Array | None = None, cells: bool = True
-    ) -> Array:
-        """d/dx of sum_a m_x(w_a, y_a) + sum_i k_x(phi_i, kappa_i) at fixed fields, (cells,).
+    def density_gradient(self, x: Array, pairs: FieldPairs) -> Array:
+        """Derivative by the densities of m_x(w, y) + k_x(phi, kappa), summed over all pairs.
 
-        The density ``x`` is of shape (cells,), of the ``pairs`` w and y are of shape (dofs, a), phi
-        and kappa of shape (dofs, i). The derivative of the same by the nodes of the mesh is added
-        to ``nodes``, from `MeshNodes.zeros`. Without ``cells`` that by the densities is zero.
+        At the density ``x`` (cells,) and fixed fields, shape (cells,).
         """
-        w, y, phi, kappa = pairs
-        self.set_density(x)
-        if nodes is not None:
-            for a in range(max(w.shape[1], phi.shape[1])):
-                for function, block in zip(self._fields, pairs, strict=True):
-                    self.set(function, block[:, a] if a < block.shape[1] else np.zeros(self.n_dofs))
-                # it adds: a new vector for each pair of fields would mean new communicators
-                fem.assemble_vector(nodes, self._node_form)
-        total, block_pairs = np.zeros(self.domain.n_cells), ((phi, kappa), (w, y))
-        for pair, (matrices, slopes) in zip(
-            block_pairs, self._cell_slopes(x) if cells else (), strict=False
-        ):
-            for chunk, products in self._products(*pair, matrices.shape[1]):
+        total = np.zeros(self.domain.n_cells)
+        block_pairs = (pairs.phi, pairs.kappa), (pairs.w, pairs.y)
+        for block_pair, (matrices, slopes) in zip(block_pairs, self._cell_slopes(x), strict=True):
+            for chunk, products in self._products(*block_pair, matrices.shape[1]):
                 energies = np.einsum("cij,cij->c", matrices[chunk], products)
                 total[chunk] += slopes[chunk] * energies
         return total
+
+    def add_node_gradient(self, nodes: Array, x: Array, pairs: FieldPairs) -> None:
+        """Add the derivative of the same by the nodes of the mesh to ``nodes`` of `MeshNodes`."""
+        self.set_density(x)
+        for a in range(max(pairs.w.shape[1], pairs.phi.shape[1])):
+            for function, block in zip(self._fields, pairs, strict=True):
+                self.set(function, block[:, a] if a < block.shape[1] else np.zeros(self.n_dofs))
+            # it adds: a new vector for each pair of fields would mean new communicators
+            fem.assemble_vector(nodes, self._node_form)
 
     def _cell_slopes(self, x: Array) -> Iterator[tuple[Array, Array]]:
         """Matrices of `_solid_cells`, and slopes of their factors at a density ``x``, (cells,)."""

@@ -25,7 +25,7 @@ import numpy as np
 from .. import validation
 from ..body import BodyMarker
 from ..documentation import Shown
-from ..fem import Array, Block, Domain, Elasticity, Matrices, rigid_fields, rotated
+from ..fem import Array, Block, Domain, Elasticity, FieldPairs, Matrices, rigid_fields, rotated
 from .direct_solver import DIRECT, SOLVERS
 from .factored_body import ClampedMatrices, FactoredBody
 from .frame import Frame
@@ -95,8 +95,7 @@ class ShapesBar:
 
     shapes: Block  #: (dofs, r)
     K: Array | None = None  #: (r, r), or None where the stiffness does not matter
-    #: (dofs, a) pairs w, y in the mass and (dofs, i) pairs phi, kappa in the stiffness
-    pairs: tuple[Block, Block, Block, Block] | None = None
+    pairs: FieldPairs | None = None  #: In the mass and in the stiffness
     #: (dofs,) with respect to the reference position, where positions of nodes are asked for
     reference: Array | None = None
     #: (dofs, k) with respect to the constraint modes' values at the interfaces, besides ``shapes``
