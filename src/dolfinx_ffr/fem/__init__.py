@@ -51,6 +51,7 @@ from .plane_mesh import (
     Face,
     LocalSizes,
     check_size,
+    face_polygon,
     gmsh_model,
     mesh_faces,
     quiet,
