@@ -123,8 +123,9 @@ def laplace(x: Array, simplices: Integers) -> csr_matrix:
     n = simplices.shape[1]
     edges = x[simplices[:, 1:]] - x[simplices[:, :1]]
     gram = np.einsum("eid,ejd->eij", edges, edges)
-    slopes = np.vstack([-np.ones(n - 1), np.eye(n - 1)])
     sizes = np.sqrt(np.linalg.det(gram)) / math.factorial(n - 1)
+    # of the barycentric coordinates by those of the edges
+    slopes = np.vstack([-np.ones(n - 1), np.eye(n - 1)])
     local = sizes[:, None, None] * (slopes @ np.linalg.inv(gram) @ slopes.T)
     rows, columns = np.repeat(simplices, n, axis=1).ravel(), np.tile(simplices, (1, n)).ravel()
     return csr_matrix((local.ravel(), (rows, columns)), shape=(len(x), len(x)))

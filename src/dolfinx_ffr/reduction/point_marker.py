@@ -108,13 +108,16 @@ def _cells_at(domain: Domain, point: Array) -> list[tuple[int, Array]]:
     x = domain.mesh.geometry.x[nodes][:, :, : domain.dimension]
     low, high = x.min(axis=1), x.max(axis=1)
     room = 0.1 * (high - low).max(axis=1, keepdims=True)
-    nearby = np.flatnonzero(np.all((point >= low - room) & (point <= high + room), axis=1))
+    is_near = np.all((point >= low - room) & (point <= high + room), axis=1)
+
     pull_back = _compat.coordinate_element(domain.mesh).pull_back
     largest = np.sum if domain.cell in ("triangle", "tetrahedron") else np.max
-    candidates = [
-        (int(c), pull_back(point[None, :], np.ascontiguousarray(x[c]))[0]) for c in nearby
-    ]
-    return [(c, X) for c, X in candidates if X.min() >= -SLACK and largest(X) <= 1.0 + SLACK]
+    cells = []
+    for cell in np.flatnonzero(is_near).tolist():
+        reference = pull_back(point[None, :], np.ascontiguousarray(x[cell]))[0]
+        if reference.min() >= -SLACK and largest(reference) <= 1.0 + SLACK:
+            cells.append((cell, reference))
+    return cells
 
 
 def _shape_functions(
