@@ -126,9 +126,6 @@ class Domain:
         cells = domain.topology.index_map(dim)
         #: Cells owned by this rank, cells on all ranks
         self.n_cells, self.n_cells_global = int(cells.size_local), int(cells.size_global)
-        dofs = _compat.dofmap_array(self.density_space).ravel()
-        if not np.array_equal(dofs, np.arange(cells.size_local + cells.num_ghosts)):
-            raise RuntimeError("domain: this DOLFINx release numbers DG0 dofs otherwise than cells")
         check_cells(domain)
         #: Interfaces by name
         self.interfaces: dict[str, Interface] = find_interfaces(
@@ -503,12 +500,6 @@ class Domain:
 
     def on_rank_0(self, values: NDArray[Any]) -> NDArray[Any]:
         """The ``values`` of the cells as of `everywhere`, but on rank 0 alone; none elsewhere."""
-        with on_every_rank(self.comm, "gathering values"):
-            if len(values) != self.n_cells:
-                raise ValueError(
-                    f"gathering: {len(values)} values on rank {self.comm.rank}, which owns "
-                    f"{self.n_cells} cells; give one for each"
-                )
         order, sent = self._order[0], self.comm.gather(values)
         return values[:0] if sent is None else np.concatenate(sent)[order]
 

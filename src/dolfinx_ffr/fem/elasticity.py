@@ -254,7 +254,10 @@ class Elasticity:
         return total
 
     def add_node_gradient(self, nodes: Array, x: Array, pairs: FieldPairs) -> None:
-        """Add the derivative of the same by the nodes of the mesh to ``nodes`` of `MeshNodes`."""
+        """Add the derivative of the same sum by the nodes to ``nodes``, from `MeshNodes.zeros`.
+
+        At the density ``x`` (cells,) and fixed values of the ``pairs`` at the nodes.
+        """
         self.set_density(x)
         for a in range(max(pairs.w.shape[1], pairs.phi.shape[1])):
             for function, block in zip(self._fields, pairs, strict=True):

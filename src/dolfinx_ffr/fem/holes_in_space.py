@@ -112,13 +112,16 @@ class _Surface:
         first, number = numbered(flat)
         triangles = number.reshape(-1, 3)
 
+        # edges that come twice in lexical order are those of two triangles
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
         order = np.lexsort((edges[:, 1], edges[:, 0]))
-        triangle = np.repeat(np.arange(len(triangles)), 3)[order]
-        shared = np.flatnonzero(np.all(edges[order[1:]] == edges[order[:-1]], axis=1))
-        pairs = np.column_stack([triangle[shared], triangle[shared + 1]])
-        nodes, ends = flat[first], edges[order[shared]]
-        lengths = np.linalg.norm(nodes[ends[:, 0]] - nodes[ends[:, 1]], axis=1)
+        edges = edges[order]
+        triangle_of_edge = np.repeat(np.arange(len(triangles)), 3)[order]
+        is_shared = np.all(edges[1:] == edges[:-1], axis=1)
+        pairs = np.column_stack([triangle_of_edge[:-1][is_shared], triangle_of_edge[1:][is_shared]])
+        nodes = flat[first]
+        start, end = nodes[edges[:-1][is_shared]].swapaxes(0, 1)
+        lengths = np.linalg.norm(start - end, axis=1)
         return _Surface(nodes, triangles, outward, pairs, lengths)
 
     @cached_property

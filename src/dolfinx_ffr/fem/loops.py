@@ -196,10 +196,12 @@ def _joined(curves: Sequence[Curve], tolerance: float) -> tuple[list[Curve], lis
     """The curves with common ends, and the numbers of the ends."""
     ends = np.array([end for curve in curves for end in (curve.start, curve.end)])
     pairs = cKDTree(ends).query_pairs(tolerance, output_type="ndarray").reshape(-1, 2)
-    label = connected(pairs, len(ends))
-    positions = ends[np.unique(label, return_index=True)[1]]
-    nodes = [(a, b) for a, b in label.reshape(-1, 2).tolist()]
-    moved = [c.moved(*positions[[*ns]]) for c, ns in zip(curves, nodes, strict=True)]
+    node_of_end = connected(pairs, len(ends))
+    positions = ends[np.unique(node_of_end, return_index=True)[1]]
+    nodes = [(a, b) for a, b in node_of_end.reshape(-1, 2).tolist()]
+    moved = [
+        curve.moved(positions[a], positions[b]) for curve, (a, b) in zip(curves, nodes, strict=True)
+    ]
     return moved, nodes
 
 

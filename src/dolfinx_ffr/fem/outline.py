@@ -232,14 +232,17 @@ def _piece(points: Array) -> Curve:
     if len(points) < 2:
         raise ValueError("outline: a piece of a ring needs at least two points")
     if len(points) == 3:
+        # the circle through the origin, a and b
         (ax, ay), (bx, by) = points[1] - points[0], points[2] - points[0]
         area = ax * by - ay * bx
-        if abs(area) > 1e-9 * (bx * bx + by * by):
-            a, b = ax * ax + ay * ay, bx * bx + by * by
+        a, b = ax * ax + ay * ay, bx * bx + by * by
+        if abs(area) > 1e-9 * b:
             center = points[0] + np.array([by * a - ay * b, ax * b - bx * a]) / (2.0 * area)
             start, end = (np.arctan2(*(p - center)[::-1]) for p in points[[0, 2]])
             sweep = (end - start) % (2.0 * np.pi)
-            return Arc(points[0], points[2], center, sweep - (2.0 * np.pi if area < 0.0 else 0.0))
+            if area < 0.0:
+                sweep -= 2.0 * np.pi
+            return Arc(points[0], points[2], center, sweep)
     return Spline.through(points) if len(points) > 3 else Line(points[0], points[-1])
 
 
