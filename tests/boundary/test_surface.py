@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ from scipy.spatial import cKDTree
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import InSpace, InThePlane, Surface
-from dolfinx_ffr.boundary import surface as surface_module
+from dolfinx_ffr.boundary.options import SURFACES, SurfaceOptions
 from dolfinx_ffr.optimization import move_boundary
 from dolfinx_ffr.optimization.descent import Descent
 from dolfinx_ffr.part import tangent_balls
@@ -54,10 +55,11 @@ def surface(
     field: Callable[[np.ndarray], np.ndarray] = notched,
     member: float = MEMBER,
     share: float = 0.65,
+    options: SurfaceOptions = SURFACES,
 ) -> Surface:
     domain = problem.flexible["beam"].domain
     solid = ffr.Solid(domain, field, material=PLASTIC)
-    return Surface.of(solid, member, size=share * domain.cell_size)
+    return Surface.of(solid, member, size=share * domain.cell_size, options=options)
 
 
 def waves(found: Surface) -> np.ndarray:
@@ -191,16 +193,16 @@ def test_windows_in_which_no_member_fits_are_closed(depth: float, stays: bool) -
     assert solid_surface.walls.thickness[0] > 0.999 * MEMBER
 
 
-def test_windows_that_end_in_points_are_blunted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_that_end_in_points_are_blunted() -> None:
     """In the face of what is told only places where a disc fits stay open."""
-    monkeypatch.setattr(surface_module, "_SETTLED", 0)  # thin places have a test of their own
+    options = replace(SURFACES, settling=0)  # thin places have a test of their own
 
     def pointed(x: np.ndarray) -> np.ndarray:
         hollow = np.max([np.abs(x[:, 0] - 0.08) / 4.0, *np.abs(x[:, 1:]).T], axis=0) - 0.012
         lens = (np.abs(x[:, 1]) + 0.3 * np.abs(x[:, 0] - 0.08) - 0.01) / np.hypot(1.0, 0.3)
         return np.where(x[:, 2] > 0.0, np.minimum(hollow, lens), hollow)
 
-    found = surface(beam(MPI.COMM_SELF), pointed)._as(pointed)
+    found = surface(beam(MPI.COMM_SELF), pointed, options=options)._as(pointed)
     grid = np.arange(-80, 81) * 5e-4
     face = np.stack(np.meshgrid(0.08 + grid, grid, [0.02], indexing="ij"), axis=-1)
 
@@ -334,16 +336,13 @@ def test_balls_that_touch_a_surface() -> None:
 
 @pytest.mark.slow
 @pytest.mark.mpi
-def test_steps_lower_psi_and_tell_what_the_solid_is(
-    comm: MPI.Comm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """On any number of ranks alike, beside a finer mesh; the file is closed."""
-    monkeypatch.setattr(surface_module, "_DEAREST", 5_000)
     steps = 2 if comm.size == 1 else 1
     results = []
     for ranks in (comm, MPI.COMM_SELF)[: comm.size]:
         problem = beam(ranks)
-        start = surface(problem, share=0.95)
+        start = surface(problem, share=0.95, options=replace(SURFACES, most_tetrahedra=5_000))
         with pytest.warns(ffr.PartWarning, match="still changes by .* whose value is reported"):
             ended = move_boundary(problem, start, volume=0.9, iterations=steps, progress=False)
         results.append(ended)
@@ -405,8 +404,9 @@ def test_a_design_in_space_ends_with_steps_of_its_surface(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """A run that goes on finds them again."""
-    monkeypatch.setattr(surface_module, "_TETRAHEDRA", 1200)
-    monkeypatch.setattr(surface_module, "_DEAREST", 5_000)  # as fine as it takes is tested above
+    # as fine as it takes is tested above
+    coarse = partial(Surface.of, options=replace(SURFACES, tetrahedra=1200, most_tetrahedra=5_000))
+    monkeypatch.setattr(Surface, "of", staticmethod(coarse))
     problem = beam(MPI.COMM_SELF)
     design = ffr.DensityDesign(problem.flexible["beam"].domain)
     run = {"volume": 0.85, "iterations": 15, "progress": False, "mode_tolerance": None}

@@ -30,52 +30,14 @@ from ..limits import PAIR, check_count
 from ..parallel import agreed_memory, on_every_rank, on_rank_0
 from ..part import PartWarning, Solid
 from .derivative import NodeMotion
+from .options import SURFACES, SurfaceOptions
 from .sizes import SEEN, SPARE, Rows
 from .step import best_step
 from .walls import Field, Sides, Walls, contour
 from .windows import pierced, promising
 
-#: Spacing of the grid, in minimum members; knots of the motion are twice as far apart
-_SPACING = 0.5
-#: Weight of the zero surface beside the distance in the fit, and its iterations: a larger one draws
-#: creases, and thin walls, that the grid cannot show
-_EXACT, _ITERATIONS = 1.0, 60
-#: Distance of the samples of the surface at which walls are measured, in minimum members
-_SAMPLES = 0.25
-#: Times that thin walls are made thicker, and share by which the thinnest may stay thinner
-_ROUNDS, _ALMOST = 10, 1e-3
-#: Thickness to which thin walls are mended, in minimum members
-_MENDED = 1.005
-#: Length whose fourth power is the weight of the squared Laplacian, in minimum members: of waves
-#: of 1.6 members, which tetrahedra cannot show, a step leaves 87 %
-_FAIR = 0.18
-#: Shares of the surface, the slopes of the field at which tell whether it still is a distance
-_SHARES, _STEEP = (0.05, 0.95), (0.5, 1.7)
-#: Thickness in minimum members below which a wall becomes one of balls, and theirs: the fit takes
-#: some of it away; others are moved by their slopes
-_THIN, _THICKER = 0.8, 1.06
-#: Times that thin places of what is drawn are mended, and by how many members the balls grow
-_SETTLED, _GROWS = 8, 0.02
-#: Tetrahedra of the full body that the lattice has at most by default, where cells allow it, if
-#: they are small enough; if they are not; and those of the solid on which a result is told
-_TETRAHEDRA, _DEAR, _DEAREST = 30_000, 250_000, 150_000
-#: Size of tetrahedra, in minimum members, that is small enough: larger ones lose bars between
-#: windows by chance, and by a per cent or more psi of a step is that of its cut
-_SMALL = 0.8
-#: Size of tetrahedra, in minimum members, beyond which they may miss a wall; of those whose cut is
-#: drawn, as chords of larger ones cut into bars between windows; and how many may be
-_COARSE, _DRAWN, _MANY = 2.0, 0.25, 8_000_000
-#: Memory that cutting takes for each of them, twice what was measured [bytes]
-_EACH = 800.0
-#: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
-#: part of the zero surface, and distance for its corners
-_NEAR, _ALONG, _ON = 0.25, 0.3, 0.1
-#: Width of rims at least, in minimum members: a little more than walls are kept to
-_RIM = 1.03
-#: Step of the differences by which the slope of rims is found, in spacings of the grid
+#: Step of central differences, in spacings of the grid: its error is near that of round-off
 _DIFFERENCE = 1e-4
-#: Share of a plane's normals beyond which it keeps a point from moving
-_KEPT = 0.05
 
 
 class _Points(NamedTuple):
@@ -101,6 +63,7 @@ class Surface:
         size: Of the tetrahedra [m].
         rim: Width of the rim around each hole of the body's drawing [m].
         rims: The rims themselves, where another surface of the body has them; made by default.
+        options: Numbers of the method.
     """
 
     normals: Array
@@ -119,7 +82,9 @@ class Surface:
         size: float,
         rim: float,
         rims: HoleRims | None = None,
+        options: SurfaceOptions = SURFACES,
     ) -> None:
+        self.options = options
         #: The solid that it was made of
         self.origin, self._sides = origin, sides
         #: Width of the thinnest member [m]
@@ -133,7 +98,7 @@ class Surface:
         self.body: Domain = origin.body
         self.rim = rim  #: Width of the rim around each hole of the body's drawing [m]
         # collective, so that surfaces which rank 0 makes alone take those of the first
-        self._rims = rims or HoleRims(self.body, max(rim, _RIM * member) if rim else 0.0)
+        self._rims = rims or HoleRims(self.body, max(rim, options.rim * member) if rim else 0.0)
         lines = [_refined(count) for count in coefficients.shape]
         self._counts = [line.shape[1] for line in lines]
         #: From motions to coefficients
@@ -151,6 +116,7 @@ class Surface:
         rim: float | None = None,
         mirrors: Sequence[Mirror] = (),
         size: float | None = None,
+        options: SurfaceOptions = SURFACES,
     ) -> Surface:
         """The boundary of a ``solid``.
 
@@ -163,6 +129,7 @@ class Surface:
             size: Of the tetrahedra [m], see `Solid`; by default as small as the cells of the body
                 allow with 30,000 of them for all of it, or with 250,000 where fewer are larger than
                 0.8 members.
+            options: Numbers of the method.
 
         Raises:
             ValueError: If a number is out of range, the member is thicker than the body, the grid
@@ -184,24 +151,27 @@ class Surface:
                 f"surface: a member of {member:.4g} m is thicker than the body, which is "
                 f"{np.min(high - low):.4g} m; give a smaller one"
             )
-        knots = float(np.prod((high - low) / (_SPACING * member) + 4.0))
+        knots = float(np.prod((high - low) / (options.spacing * member) + 4.0))
         with on_every_rank(body.comm, "surface"):
             check_count("surface", knots, "knots", "take a larger member [m]", each=64.0 * PAIR)
-        counts = np.ceil((high - low) / (_SPACING * member) - 1e-9).astype(int)
+        counts = np.ceil((high - low) / (options.spacing * member) - 1e-9).astype(int)
         spacing = (high - low) / counts
         if size is None:
-            size = _size(body, member)
+            size = _size(body, member, options)
 
-        if size > _COARSE * member:
+        if size > options.coarse * member:
             warnings.warn(
                 f"surface: tetrahedra of {size:.3g} m may miss members of {member:.3g} m; give a "
-                f"member of {size / _COARSE:.3g} m or more, a smaller size, or smaller cells",
+                f"member of {size / options.coarse:.3g} m or more, a smaller size, or smaller "
+                "cells",
                 PartWarning,
                 stacklevel=2,
             )
-        sides = Sides.of(body, _SAMPLES * member)
+        sides = Sides.of(body, options.sample * member, options)
         none = np.zeros(tuple(counts + 3))
-        empty = Surface(solid, sides, member, none, low - spacing, spacing, planes, size, rim)
+        empty = Surface(
+            solid, sides, member, none, low - spacing, spacing, planes, size, rim, None, options
+        )
 
         def found() -> Surface:
             fitted = empty._fitted(lambda x: solid.field(np.clip(x, low, high)))
@@ -261,8 +231,11 @@ class Surface:
     @cached_property
     def drawn(self) -> Solid:
         """The same solid, its surface cut out of smaller tetrahedra than its mesh."""
-        most = min(_MANY, int(agreed_memory(self.body.comm) / _EACH))
-        size = min(self.size, Tetrahedra.finest(self.body, _DRAWN * self.member, most))
+        most = min(
+            self.options.most_drawn,
+            int(agreed_memory(self.body.comm) / self.options.bytes_of_drawn),
+        )
+        size = min(self.size, Tetrahedra.finest(self.body, self.options.drawn * self.member, most))
         material = self.origin.material
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PartWarning)
@@ -280,8 +253,9 @@ class Surface:
             changed = self.shifted(offsets)._faired()
             assert self._sides is not None
             x, _ = self._sides.surface(changed.field, changed._slopes)
-            steep = np.quantile(np.linalg.norm(changed._slopes(x), axis=1), _SHARES)
-            if steep[0] < _STEEP[0] or steep[1] > _STEEP[1]:
+            steep = np.quantile(np.linalg.norm(changed._slopes(x), axis=1), self.options.quantiles)
+            gentlest, steepest = self.options.steep
+            if steep[0] < gentlest or steep[1] > steepest:
                 changed = changed._fitted(changed.field)
             return changed
 
@@ -294,7 +268,7 @@ class Surface:
         if the material of the cells at ``places`` (cells, 3) went.
         """
         images, walls = self._images, self.walls
-        every = promising(walls, images, self.member, places, changes)
+        every = promising(walls, images, self.member, places, changes, self.options)
         count = len(every)
         while count:
             field = pierced(self.field, every[:count], images)
@@ -316,7 +290,8 @@ class Surface:
     def _fitted(self, field: Field) -> Surface:
         """That of a field, which becomes a distance; on rank 0."""
         shape = self.coefficients.shape
-        return self._with(_fitted(field, self._low, self._spacing, shape))
+        iterations = self.options.fit_iterations
+        return self._with(_fitted(field, self._low, self._spacing, shape, iterations))
 
     def _rounded(self) -> Surface:
         """The same without slots, pockets and pinholes that are too narrow; on rank 0."""
@@ -333,26 +308,26 @@ class Surface:
             2.0 * (1.0 - np.cos(np.pi * np.arange(count) / count)) / spacing**2
             for count, spacing in zip(self.coefficients.shape, self._spacing, strict=True)
         ]
-        left = 1.0 / (1.0 + (_FAIR * self.member) ** 4 * sum(np.ix_(*waves)) ** 2)
+        left = 1.0 / (1.0 + (self.options.fair * self.member) ** 4 * sum(np.ix_(*waves)) ** 2)
         return self._with(idctn(left * dctn(self.coefficients, norm="ortho"), norm="ortho"))
 
     def _thick(self) -> Surface:
         """The same without windows that are too narrow, with walls as thick as asked; on rank 0."""
         assert self._sides is not None
-        member, found = self.member, self
-        if closed := self._sides.closed(self.field, self.gap, _THICKER * member):
+        member, options, found = self.member, self.options, self
+        if closed := self._sides.closed(self.field, self.gap, options.ball * member):
             found = self._as(closed)
         walls, everywhere = found._walls(), True
-        for _ in range(_ROUNDS):
-            if not everywhere and walls.least > (1.0 - _ALMOST) * member:
+        for _ in range(options.thickening):
+            if not everywhere and walls.least > (1.0 - options.thin_share) * member:
                 walls, everywhere = found._walls(), True
-            if walls.least > (1.0 - _ALMOST) * member:
+            if walls.least > (1.0 - options.thin_share) * member:
                 break
-            thin = walls.upto(_MENDED * member)
-            if walls.least < _THIN * member:
-                found = found._with_balls(thin.middles)
+            thin = walls.upto(options.thickened * member)
+            if walls.least < options.thin * member:
+                found = found._with_balls(thin.middles, options.ball)
             else:
-                rows = found.rows(thin, _MENDED * member)
+                rows = found.rows(thin, options.thickened * member)
                 still = np.zeros(self.n_controls)
                 of_rows = rows.values, rows.slopes, self.held, member
                 step = best_step(self.metric(member), still, *of_rows)
@@ -369,7 +344,7 @@ class Surface:
         """
         found = self._blunted()
         thickest = 0.0, found
-        for number in range(_SETTLED):
+        for number in range(self.options.settling):
             thin = found.drawn.thinnest_member
             if thin is None or thin.value >= self.member:
                 return found
@@ -377,7 +352,7 @@ class Surface:
             middle = thin.ends.mean(axis=0, keepdims=True)
             centers = np.vstack([found.drawn.thinner(self.member), middle])
             centers = np.vstack([image(centers) for image in self._images])
-            thickness = _THICKER + _GROWS * number
+            thickness = self.options.ball + self.options.grows * number
             found = self._made(partial(found._with_balls, centers, thickness))
         return thickest[1]
 
@@ -395,7 +370,7 @@ class Surface:
             return self
         return self._made(lambda: self._as(fields[0]))
 
-    def _with_balls(self, centers: Array, thickness: float = _THICKER) -> Surface:
+    def _with_balls(self, centers: Array, thickness: float) -> Surface:
         """With balls as thick as so many members at centres (n, 3) [m]; on rank 0."""
         assert self._sides is not None
         return self._as(self._sides.thickened(self.field, centers, thickness * self.member))
@@ -440,7 +415,7 @@ class Surface:
     def finer(self) -> Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
         size = self.part.sizes(None, 2)[1]
-        if 6.0 * self.part.volume > _DEAREST * size**3:
+        if 6.0 * self.part.volume > self.options.most_tetrahedra * size**3:
             raise ShapeError("surface: the next finer lattice is too fine")
         return self._with(self.coefficients, size)
 
@@ -452,11 +427,12 @@ class Surface:
     def offsets_to(self, other: Surface) -> Array:
         """Offsets of a motion that come nearest to ``other``, a surface, (variables,) [m]."""
         change = (other.coefficients - self.coefficients).ravel()
-        return np.asarray(lsmr(self._finer, change, maxiter=_ITERATIONS)[0])
+        return np.asarray(lsmr(self._finer, change, maxiter=self.options.fit_iterations)[0])
 
     def _with(self, coefficients: Array, size: float | None = None) -> Surface:
         own = self.origin, self._sides, self.member, coefficients, self._low, self._spacing
-        return Surface(*own, self.mirrors, size or self.size, self.rim, self._rims)
+        size = size or self.size
+        return Surface(*own, self.mirrors, size, self.rim, self._rims, self.options)
 
     def state(self) -> dict[str, Array]:
         """What has changed since `of`, as arrays by name."""
@@ -490,13 +466,13 @@ class Surface:
         edge = np.sqrt(np.linalg.norm(normal, axis=1))
         normal /= np.maximum(edge**2, 1e-300)[:, None]
         away = np.abs(level) / np.maximum(steep, 1e-300)
-        free = np.max(away[triangles], axis=1) < _NEAR * edge
-        free &= -np.einsum("td,td->t", normal, inward[triangles].mean(axis=1)) > _ALONG
+        free = np.max(away[triangles], axis=1) < self.options.from_zero * edge
+        free &= -np.einsum("td,td->t", normal, inward[triangles].mean(axis=1)) > self.options.along
         chosen = np.zeros(len(x), dtype=bool)
         chosen[triangles[free]] = True
         near = np.full(len(x), np.inf)
         np.minimum.at(near, triangles.ravel(), np.repeat(edge, 3))
-        chosen &= away < _ON * near
+        chosen &= away < self.options.corner_from_zero * near
         # along the planes of the outline on which it lies
         planes = np.zeros((len(x), 3, 3))
         fixed = ~free
@@ -505,7 +481,7 @@ class Surface:
         numbers = np.flatnonzero(chosen)
         sizes, axes = np.linalg.eigh(planes[numbers])
         total = np.maximum(np.sum(sizes, axis=1, keepdims=True), 1e-300)
-        loose = np.where(sizes > _KEPT * total, 0.0, 1.0)
+        loose = np.where(sizes > self.options.plane_share * total, 0.0, 1.0)
         n = inward[numbers]
         along = np.einsum("pik,pk,pjk,pj->pi", axes, loose, axes, n)
         share = np.einsum("pi,pi->p", along, n)
@@ -519,10 +495,14 @@ class Surface:
         return csr_matrix(self._rows(x).multiply(1.0 / steep).tocsr() @ self._finer)
 
 
-def _size(body: Domain, member: float) -> float:
+def _size(body: Domain, member: float, options: SurfaceOptions) -> float:
     """The size of tetrahedra [m] that is fine enough for psi and walls, if it is not too dear."""
-    size = Tetrahedra.finest(body, 0.0, _TETRAHEDRA)
-    return size if size <= _SMALL * member else Tetrahedra.finest(body, _SMALL * member, _DEAR)
+    size = Tetrahedra.finest(body, 0.0, options.tetrahedra)
+    return (
+        size
+        if size <= options.small * member
+        else Tetrahedra.finest(body, options.small * member, options.more_tetrahedra)
+    )
 
 
 def _along(
@@ -576,7 +556,9 @@ def _refined(count: int) -> csr_matrix:
     return csr_matrix(table[:, np.any(table, axis=0)])
 
 
-def _fitted(field: Field, low: Array, spacing: Array, shape: Sequence[int]) -> Array:
+def _fitted(
+    field: Field, low: Array, spacing: Array, shape: Sequence[int], iterations: int
+) -> Array:
     """Coefficients of the spline that has a field's zero surface and is near the distance."""
     nodes = low + spacing * np.indices(shape).reshape(3, -1).T
     points = contour(field, low, nodes[-1], 0.5 * spacing)
@@ -595,11 +577,10 @@ def _fitted(field: Field, low: Array, spacing: Array, shape: Sequence[int]) -> A
     beside = np.sqrt(np.maximum(length**2 - along**2, 0.0)) < 0.5 * spacing.min()
     distance = np.where(beside, np.abs(along), length)
     distance *= np.where(field(nodes) > 0.0, 1.0, -1.0)
-    weight = np.concatenate([np.ones(len(nodes)), np.full(len(points), _EXACT)])
-    rows = _basis(np.vstack([nodes, points]), low, spacing, shape).multiply(weight[:, None])
-    right = weight * np.concatenate([distance, target])
-    found = lsmr(rows.tocsr(), right, x0=distance, maxiter=_ITERATIONS, atol=1e-8, btol=1e-8)[0]
-    return np.asarray(found.reshape(tuple(shape)))
+    rows = _basis(np.vstack([nodes, points]), low, spacing, shape)
+    right = np.concatenate([distance, target])
+    coefficients = lsmr(rows, right, x0=distance, maxiter=iterations, atol=1e-8, btol=1e-8)[0]
+    return np.asarray(coefficients.reshape(tuple(shape)))
 
 
 class SurfaceMotion(NodeMotion[Surface]):

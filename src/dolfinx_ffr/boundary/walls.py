@@ -17,21 +17,13 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Integers, Mask
 from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra, connected
 from ..part import Balls, outer_faces, spread, tangent_balls
+from .options import SURFACES, SurfaceOptions
 from .sizes import SEEN
 
 Field = Callable[[Array], Array]
 
-#: Product of the normals below which sides are those of a wall: at the tip of a hollow all normals
-#: of samples are inclined
-_FACING = -np.cos(np.radians(30.0))
-#: By how much the radii of balls grow along a wedge between sides that are as much inclined
-_WIDENS = np.sin(np.radians(15.0))
-#: Radii of balls in a wedge between sides that are as much inclined, in distances from its edge
-_RIM = np.tan(np.radians(15.0))
-#: Times that the ball of a wall is moved off the sides of the body, which may meet in a corner
+#: Times that the ball of a wall is moved off the sides of the body, of which three meet in a corner
 _SIDES = 4
-#: Distance from places up to which walls are looked for, and samples, in least thicknesses
-_NEAR, _SAMPLED = 3.0, 6.0
 
 
 class Walls(NamedTuple):
@@ -72,12 +64,15 @@ class Sides:
     Args:
         body: Its tetrahedra.
         spacing: Of the samples, about [m].
+        options: Numbers of the method.
     """
 
-    def __init__(self, body: Tetrahedra, spacing: float) -> None:
+    def __init__(
+        self, body: Tetrahedra, spacing: float, options: SurfaceOptions = SURFACES
+    ) -> None:
         import pyvista  # takes a while
 
-        self.spacing = spacing
+        self.spacing, self.options = spacing, options
         self.low, self.high = body.points.min(axis=0), body.points.max(axis=0)
         #: Of the body, with normals inwards, (n, 3) each
         self.outline = _samples(body, body.regions != VOID, spacing)
@@ -91,10 +86,10 @@ class Sides:
         self._designed = pyvista.UnstructuredGrid(table, kinds, body.points)
 
     @staticmethod
-    def of(body: Domain, spacing: float) -> Sides | None:
-        """Those of a ``body``, None on other ranks than 0."""
-        found = Tetrahedra.of(body)
-        return None if body.comm.rank else Sides(found, spacing)
+    def of(body: Domain, spacing: float, options: SurfaceOptions = SURFACES) -> Sides | None:
+        """The sides of a ``body``, None on other ranks than 0."""
+        tetrahedra = Tetrahedra.of(body)
+        return None if body.comm.rank else Sides(tetrahedra, spacing, options)
 
     def surface(
         self, field: Field, slopes: Field, near: Array | None = None, reach: float = 0.0
@@ -122,12 +117,15 @@ class Sides:
         Thicknesses in [m]; a post has sides that are not opposite. Where places ``near`` (n, 3) are
         given, those around them only.
         """
-        x, inward = self.surface(field, slopes, near, _SAMPLED * least)
+        reach = self.options.near * least
+        # balls of walls within the reach touch samples that are as far again
+        sampled, inclined = 2.0 * reach, np.radians(self.options.inclined)
+        x, inward = self.surface(field, slopes, near, sampled)
         there, bare = field(self.outline[0]) > 0.0, field(self.solid[0]) < 0.0
         still = ((self.outline, there), (self.solid, bare))
         parts = [(x, inward)]
         for (sides, way), chosen in still:
-            chosen = chosen & _within(sides, near, _SAMPLED * least)
+            chosen = chosen & _within(sides, near, sampled)
             parts.append((sides[chosen], way[chosen]))
         at, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
         most = 0.5 * max(widest, SEEN * least)
@@ -136,10 +134,11 @@ class Sides:
         )
         radius, end = balls.radius, balls.ends
         free = np.arange(len(at)) < len(x)
-        walls = (balls.cosine < _FACING) & (end >= 0)
+        walls = (balls.cosine < -np.cos(inclined)) & (end >= 0)
         walls[balls.thin(0.5 * least)] = True
         # of a post that which is amid it: those beside its edges are smaller
-        walls &= ~_beside(balls, np.flatnonzero(walls & (balls.cosine >= _FACING)), least)
+        posts = np.flatnonzero(walls & (balls.cosine >= -np.cos(inclined)))
+        walls &= ~_beside(balls, posts, least, np.sin(0.5 * inclined))
         # at the tip of a hollow samples are inclined: below a face, but for rims of windows, the
         # ball is that which touches one of them
         tips = np.flatnonzero(~free & free[end] & ~walls & (end >= 0))
@@ -149,9 +148,9 @@ class Sides:
         windows = self.outline[0][self._free & ~there]
         away = cKDTree(windows).query(at[tips])[0] if len(windows) else np.full(len(tips), np.inf)
         # a rim is a wedge that begins at a window
-        rims = (away < least) | (radius[tips] > _RIM * away)
+        rims = (away < least) | (radius[tips] > np.tan(0.5 * inclined) * away)
         walls[tips] = (2.0 * radius[tips] < least) & ~rims
-        walls &= _within(at, near, _NEAR * least)
+        walls &= _within(at, near, reach)
         found = np.flatnonzero(walls & (2.0 * radius < widest))
         found = found[np.argsort(radius[found], kind="stable")]
         one, two = np.where(free[found], [found, end[found]], [end[found], found])
@@ -265,8 +264,11 @@ def contour(
     return np.asarray(grid.contour([level], scalars=values).points, dtype=np.float64)
 
 
-def _beside(balls: Balls, chosen: Integers, reach: float) -> Mask:
-    """Which of the chosen balls are in a wedge, so that larger ones are near them, (n,)."""
+def _beside(balls: Balls, chosen: Integers, reach: float, widens: float) -> Mask:
+    """Mask of the chosen balls that are in a wedge: larger ones are near them, shape (n,).
+
+    ``widens`` is the growth of the radii along a wedge.
+    """
     found = np.zeros(len(balls.radius), dtype=bool)
     if not len(chosen):
         return found
@@ -274,7 +276,7 @@ def _beside(balls: Balls, chosen: Integers, reach: float) -> Mask:
     for number, near in zip(chosen, tree.query_ball_point(centers[chosen], reach), strict=True):
         away = np.linalg.norm(centers[near] - centers[number], axis=1)
         found[number] = np.any(
-            balls.radius[near] - balls.radius[number] > _WIDENS * away + 1e-9 * reach
+            balls.radius[near] - balls.radius[number] > widens * away + 1e-9 * reach
         )
     return found
 

@@ -14,17 +14,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..arrays import Array
+from .options import SURFACES, SurfaceOptions
 from .walls import Field, Walls
 
-#: Radii of windows, what is between two of them at least, and how much deeper they are than the
-#: wall on each side, in minimum members
-_RADII, _APART, _DEEPER = (0.75, 1.0, 1.5, 2.0, 3.0), 1.5, 0.75
-#: Distance of places for windows, and up to which walls are around them, in minimum members
-_STEP, _NEAR = 0.5, 0.6
-#: Directions in which a wall goes on around a window, and least cosine between its normals
-_AROUND, _FLAT = 8, 0.9
-#: Fall of log psi that a window promises at least
-_PROMISED = 5e-4
+#: Directions in which the wall around a window is looked at
+_AROUND = 8
 
 
 class Window(NamedTuple):
@@ -42,6 +36,7 @@ def promising(
     member: float,
     places: Array,
     changes: Array,
+    options: SurfaceOptions = SURFACES,
 ) -> list[Window]:
     """Windows that do not meet, those first that lower psi most.
 
@@ -49,20 +44,20 @@ def promising(
     windows stands for its ``images``, too.
     """
     middles, normals = walls.middles, walls.normals
-    boxes = np.floor(middles / (_STEP * member)).astype(int).reshape(-1, 3)
+    boxes = np.floor(middles / (options.places * member)).astype(int).reshape(-1, 3)
     around, cells = cKDTree(middles.reshape(-1, 3)), cKDTree(places)
     found: list[tuple[float, Window]] = []
     for k in np.sort(np.unique(boxes, axis=0, return_index=True)[1]):
         place, normal, half = middles[k], normals[k], 0.5 * walls.thickness[k]
-        for radius in member * np.array(_RADII):
-            if not _surrounded(place, normal, radius, member, around, normals):
+        for radius in member * np.array(options.radii):
+            if not _surrounded(place, normal, radius, member, around, normals, options):
                 break  # nor is a larger one
             near = np.array(cells.query_ball_point(place, np.hypot(radius, half)), dtype=int)
             way = places[near] - place
             across = np.linalg.norm(way - (way @ normal)[:, None] * normal, axis=1)
             change = float(np.sum(changes[near[across < radius]]))
-            if change < -_PROMISED:
-                depth = half + _DEEPER * member
+            if change < -options.promised:
+                depth = half + options.deeper * member
                 found.append((change, Window(place, normal, float(radius), depth)))
     taken: list[Window] = []
     for _, window in sorted(found, key=lambda each: each[0]):
@@ -71,7 +66,7 @@ def promising(
         away = [np.linalg.norm(own - o.place, axis=1) - o.radius - window.radius for o in others]
         # it may be its own image
         away[-1][away[-1] < -(2.0 - 1e-6) * window.radius] = np.inf
-        if np.min(away) > _APART * member:
+        if np.min(away) > options.bridge * member:
             taken.append(window)
     return taken
 
@@ -97,13 +92,19 @@ def pierced(
 
 
 def _surrounded(
-    place: Array, normal: Array, radius: float, member: float, around: cKDTree, normals: Array
+    place: Array,
+    normal: Array,
+    radius: float,
+    member: float,
+    around: cKDTree,
+    normals: Array,
+    options: SurfaceOptions,
 ) -> bool:
     """Whether a window would be within a wall, on all sides."""
     one = np.linalg.svd(normal[None])[2][1:]
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     ring = np.column_stack([np.cos(angle), np.sin(angle)]) @ one
-    reach = np.array([0.5 * radius, radius, radius + _APART * member])
+    reach = np.array([0.5 * radius, radius, radius + options.bridge * member])
     away, near = around.query((place + reach[:, None, None] * ring).reshape(-1, 3))
-    flat = np.abs(normals[near] @ normal) > _FLAT
-    return bool(np.all(flat & (away < _NEAR * member)))
+    flat = np.abs(normals[near] @ normal) > options.flat
+    return bool(np.all(flat & (away < options.wall_near * member)))
