@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers, Mask
 from ..parallel import on_rank_0
-from .drawn_outline import CURVED, FlatHole, boundary_corners, flat_holes
+from .drawn_outline import CURVES, FlatHole, boundary_corners, flat_holes
 from .interface import fit_cylinder
 from .mesh_arrays import numbered
 from .mesh_checks import connected
@@ -167,7 +167,7 @@ class _Surface:
         rise = np.einsum("pi,pi->p", self.middles[other] - self.middles[one], self.outward[one])
         inward = np.where(rise > 0.0, self.turns, -self.turns)
         # a coarse round wall has some convex edges, between triangles that bend inward on the whole
-        smooth = self.turns < CURVED
+        smooth = self.turns < CURVES.turn
         bend = (inward * self.lengths * smooth)[:, None] * np.ones(2)
         total = np.bincount(self.pairs.ravel(), bend.ravel(), minlength=len(self.triangles))
         inward_on_the_whole = np.all(total[self.pairs] > 0.0, axis=1)
@@ -178,7 +178,7 @@ class _Surface:
             normals = self.outward[hollow]
             farthest = normals[np.argmin(normals @ normals[0])]
             # a coarse mesh of an outer curve has concave edges, too
-            if np.min(normals @ farthest) < np.cos(CURVED):
+            if np.min(normals @ farthest) < np.cos(CURVES.turn):
                 yield hollow
 
     def _axes(self, hollows: list[Integers]) -> list[Array]:
@@ -255,7 +255,7 @@ class _Surface:
         chosen = np.zeros(len(self.triangles), dtype=bool)
         chosen[walls] = True
         points, middles, normals, radii = [], [], [], []
-        for patch in self._connected(chosen, CURVED):
+        for patch in self._connected(chosen, CURVES.turn):
             on_patch, middle = self._points(patch, spacing), self.middles[patch]
             outward, radius = self.outward[patch], self._radius(patch)
             cylinder = self._cylinder(patch)
