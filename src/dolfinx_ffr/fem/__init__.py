@@ -16,6 +16,7 @@ from .drawn_outline import FlatHole
 from .elasticity import Block as Block
 from .elasticity import (
     CellFields,
+    FieldPairs,
     Matrices,
     by_dense,
     dense_matrix,
@@ -50,6 +51,7 @@ from .plane_mesh import (
     Face,
     LocalSizes,
     check_size,
+    face_polygon,
     gmsh_model,
     mesh_faces,
     quiet,

@@ -23,29 +23,36 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers, Mask
 from ..parallel import on_rank_0
-from .drawn_outline import CURVED, FlatHole, boundary_corners, flat_holes
+from .drawn_outline import CURVES, FlatHole, boundary_corners, flat_holes
 from .interface import fit_cylinder
+from .mesh_arrays import numbered
 from .mesh_checks import connected
 
-#: Distance of points that are one, and by which a point is moved off the surface, in sizes of the
-#: body: far above round-off, far below any facet
-_TINY = 1e-9
-#: Angle by which facets of one plane may turn by round-off [rad]
-_FLAT = 1e-6
-#: Cosine of the angle between directions that count as one axis, and along which a facet faces so
-#: nearly that a section does not cut it: 8 degrees
-_ALONG = 0.99
-#: Share of a hollow around which sections close a ring, if it is a hole: another hole that crosses
-#: it opens some, and around a fork, a groove or a notch there is none
-_ENCLOSED = 0.25
-#: Share of the trace by which the value of a principal direction is apart from others, if it is one
-_DISTINCT = 0.01
-#: Share of a facet's height that is at least between its corners and a section that cuts it
-_CLEAR = 0.1
-#: Distance of the points that stand for a wall, in cells: rims are then within 0.2 % of a cell
-_SPACING = 1.0 / 12.0
-#: Distance of points from the cylinder that they are on, in radii
-_ON_CYLINDER = 1e-3
+
+@dataclass(frozen=True)
+class HoleOptions:
+    """What counts as a hole in space, and how finely its walls are known."""
+
+    #: Distance by which a point is moved off the surface, in sizes of the body: far above
+    #: round-off, far below any facet
+    off_surface: float = 1e-9
+    flat: float = 1e-6  #: Angle by which facets of one plane may turn by round-off [rad]
+    #: Cosine of the angle between directions that count as one axis, and along which a facet faces
+    #: so nearly that a section does not cut it: 8 degrees
+    along: float = 0.99
+    #: Share of a hollow around which sections close a ring, if it is a hole: another hole that
+    #: crosses it opens some, and around a fork, a groove or a notch there is none
+    enclosed: float = 0.25
+    #: Share of the trace by which the value of a principal direction is apart from others
+    distinct: float = 0.01
+    #: Share of a facet's height that is at least between its corners and a section that cuts it
+    clear: float = 0.1
+    #: Distance of the points that stand for a wall, in cells: rims are then within 0.2 % of a cell
+    spacing: float = 1.0 / 12.0
+    on_cylinder: float = 1e-3  #: Distance of points from the cylinder that they are on, in radii
+
+
+HOLES = HoleOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +87,7 @@ def holes_in_space(domain: mesh.Mesh, cell_size: float) -> list[SpatialHole]:
     """The holes of a body in space with cells of a mean size [m], the same on every rank."""
     corners, outward = boundary_corners(domain)
     holes: list[SpatialHole] = on_rank_0(
-        domain.comm, lambda: _Surface.of(corners, outward).holes(_SPACING * cell_size)
+        domain.comm, lambda: _Surface.of(corners, outward).holes(HOLES.spacing * cell_size)
     )
     return holes
 
@@ -102,18 +109,19 @@ class _Surface:
             corners = corners[:, [[0, 1, 2], [1, 3, 2]]].reshape(-1, 3, 3)
             outward = np.repeat(outward, 2, axis=0)
         flat = corners.reshape(-1, 3)
-        step = _TINY * np.max(np.ptp(flat, axis=0))
-        rounded = np.round(flat / step)
-        _, first, number = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+        first, number = numbered(flat)
         triangles = number.reshape(-1, 3)
 
+        # edges that come twice in lexical order are those of two triangles
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
         order = np.lexsort((edges[:, 1], edges[:, 0]))
-        triangle = np.repeat(np.arange(len(triangles)), 3)[order]
-        shared = np.flatnonzero(np.all(edges[order[1:]] == edges[order[:-1]], axis=1))
-        pairs = np.column_stack([triangle[shared], triangle[shared + 1]])
-        nodes, ends = flat[first], edges[order[shared]]
-        lengths = np.linalg.norm(nodes[ends[:, 0]] - nodes[ends[:, 1]], axis=1)
+        edges = edges[order]
+        triangle_of_edge = np.repeat(np.arange(len(triangles)), 3)[order]
+        is_shared = np.all(edges[1:] == edges[:-1], axis=1)
+        pairs = np.column_stack([triangle_of_edge[:-1][is_shared], triangle_of_edge[1:][is_shared]])
+        nodes = flat[first]
+        start, end = nodes[edges[:-1][is_shared]].swapaxes(0, 1)
+        lengths = np.linalg.norm(start - end, axis=1)
         return _Surface(nodes, triangles, outward, pairs, lengths)
 
     @cached_property
@@ -142,7 +150,7 @@ class _Surface:
         is_wall, is_sure = is_enclosed.copy(), np.zeros(len(is_enclosed), dtype=bool)
         for hollow in hollows:
             share = self.areas[hollow] @ is_enclosed[hollow] / np.sum(self.areas[hollow])
-            is_wall[hollow] = is_sure[hollow] = share > _ENCLOSED
+            is_wall[hollow] = is_sure[hollow] = share > HOLES.enclosed
         pieces = self._connected(is_wall, np.inf)
         return [self._hole(walls, spacing) for walls in pieces if np.any(is_sure[walls])]
 
@@ -159,18 +167,18 @@ class _Surface:
         rise = np.einsum("pi,pi->p", self.middles[other] - self.middles[one], self.outward[one])
         inward = np.where(rise > 0.0, self.turns, -self.turns)
         # a coarse round wall has some convex edges, between triangles that bend inward on the whole
-        smooth = self.turns < CURVED
+        smooth = self.turns < CURVES.turn
         bend = (inward * self.lengths * smooth)[:, None] * np.ones(2)
         total = np.bincount(self.pairs.ravel(), bend.ravel(), minlength=len(self.triangles))
         inward_on_the_whole = np.all(total[self.pairs] > 0.0, axis=1)
-        joined = (rise > 0.0) | (self.turns < _FLAT) | (smooth & inward_on_the_whole)
+        joined = (rise > 0.0) | (self.turns < HOLES.flat) | (smooth & inward_on_the_whole)
         piece = connected(self.pairs[joined], len(self.triangles))
         order = np.argsort(piece, kind="stable")
         for hollow in np.split(order, np.flatnonzero(np.diff(piece[order])) + 1):
             normals = self.outward[hollow]
             farthest = normals[np.argmin(normals @ normals[0])]
             # a coarse mesh of an outer curve has concave edges, too
-            if np.min(normals @ farthest) < np.cos(CURVED):
+            if np.min(normals @ farthest) < np.cos(CURVES.turn):
                 yield hollow
 
     def _axes(self, hollows: list[Integers]) -> list[Array]:
@@ -187,13 +195,13 @@ class _Surface:
             values, directions = _principal(self.outward[hollow], self.areas[hollow])
             candidates = []
             # a cavity is closed in all directions
-            if values[1] - values[0] > _DISTINCT * np.sum(values) or not len(beside):
+            if values[1] - values[0] > HOLES.distinct * np.sum(values) or not len(beside):
                 candidates.append(directions[:, 0])
             values, directions = _principal(self.outward[beside], lengths)
-            if values[2] - values[1] > _DISTINCT * np.sum(values):
+            if values[2] - values[1] > HOLES.distinct * np.sum(values):
                 candidates.append(directions[:, 2])
             for candidate in candidates:
-                if all(abs(candidate @ axis) < _ALONG for axis in axes):
+                if all(abs(candidate @ axis) < HOLES.along for axis in axes):
                     axes.append(candidate)
         return axes
 
@@ -207,14 +215,14 @@ class _Surface:
         low = np.min(height[self.triangles], axis=1)
         high = np.max(height[self.triangles], axis=1)
         facing = self.outward @ axis
-        level = np.abs(facing) > _ALONG
+        level = np.abs(facing) > HOLES.along
         cut = hollow[~level[hollow]]
         sections = _sections(low[cut], high[cut])
 
         votes = np.zeros(len(self.triangles), dtype=int)
         middle_height, middle = self.middles @ axis, self.middles @ across.T
         above = np.searchsorted(sections, middle_height)
-        off = _TINY * np.max(np.ptp(self.nodes, axis=0)) * (self.outward @ across.T)
+        off = HOLES.off_surface * np.max(np.ptp(self.nodes, axis=0)) * (self.outward @ across.T)
         for number, section in enumerate(sections):
             triangles = np.flatnonzero((low < section) & (high >= section))
             ends = self._ends(triangles, height, flat, section)
@@ -247,7 +255,7 @@ class _Surface:
         chosen = np.zeros(len(self.triangles), dtype=bool)
         chosen[walls] = True
         points, middles, normals, radii = [], [], [], []
-        for patch in self._connected(chosen, CURVED):
+        for patch in self._connected(chosen, CURVES.turn):
             on_patch, middle = self._points(patch, spacing), self.middles[patch]
             outward, radius = self.outward[patch], self._radius(patch)
             cylinder = self._cylinder(patch)
@@ -285,7 +293,7 @@ class _Surface:
         center, axis = cylinder
         away = np.linalg.norm(np.cross(points - center, axis), axis=1)
         radius = float(away.mean())
-        return (center, axis, radius) if np.ptp(away) < _ON_CYLINDER * radius else None
+        return (center, axis, radius) if np.ptp(away) < HOLES.on_cylinder * radius else None
 
     def _radius(self, patch: Integers) -> float:
         """Mean radius of the curved triangles of a patch, infinite where none is curved.
@@ -295,7 +303,7 @@ class _Surface:
         """
         on_patch = np.zeros(len(self.triangles), dtype=bool)
         on_patch[patch] = True
-        turned = np.all(on_patch[self.pairs], axis=1) & (self.turns > _FLAT)
+        turned = np.all(on_patch[self.pairs], axis=1) & (self.turns > HOLES.flat)
         if not np.any(turned):
             return np.inf
         area = np.sum(self.areas[np.unique(self.pairs[turned])])
@@ -308,7 +316,7 @@ def _sections(low: Array, high: Array) -> Array:
     low, high = low[order], high[order]
     heights = []
     while len(low):
-        last = high[0] - _CLEAR * (high[0] - low[0])
+        last = high[0] - HOLES.clear * (high[0] - low[0])
         together = low <= last
         heights.append(0.5 * (np.max(low[together]) + high[0]))
         low, high = low[~together], high[~together]

@@ -21,15 +21,22 @@ from ..parallel import on_every_rank
 from .curves import ShapeError
 from .mesh_checks import facet_nodes, facet_points
 
-#: Largest deviation of normals from each other that counts as none
-FLAT = 1e-6
-#: By which nodes are moved for differences of centers, in extents of the interface
-_STEP = 1e-6
-#: Fewer points lie on a circle by chance: any three do, and the corners of a rectangle
-FEWEST = 5
-#: Largest distance of a point from the circle, relative to its radius
-ROUND = 1e-4
 Predicate = Callable[[Array], Mask]
+
+
+@dataclass(frozen=True)
+class ReferenceOptions:
+    """What is a plane, a circle or a cylinder among interfaces, and how their centers are moved."""
+
+    flat: float = 1e-6  #: Largest deviation of normals from each other that counts as none
+    #: Fewer points lie on a circle by chance: any three do, and the corners of a rectangle
+    fewest: int = 5
+    round: float = 1e-4  #: Largest distance of a point from the circle, relative to its radius
+    #: By which nodes are moved for differences of centers, in extents of the interface
+    step: float = 1e-6
+
+
+REFERENCE = ReferenceOptions()
 
 
 @dataclass(frozen=True)
@@ -190,7 +197,7 @@ class Interface:
         center_rates, positions = np.zeros(rates.shape[1:]), x.copy()
         try:
             for k in np.flatnonzero(fastest):
-                step = _STEP * self.extent / fastest[k]
+                step = REFERENCE.step * self.extent / fastest[k]
                 for side in (1.0, -1.0):
                     x[:, :d] = positions[:, :d] + side * step * rates[:, :, k]
                     center_rates[:, k] += side * _surface(domain, self.facets)[0] / (2.0 * step)
@@ -261,11 +268,9 @@ def refuse_whole_edge(domain: mesh.Mesh, interfaces: Mapping[str, Interface]) ->
 
     A file or a drawing of which all curves have one name says so without meaning it.
     """
-    facets = domain.topology.dim - 1
-    owned = int(domain.topology.index_map(facets).size_local)
-    boundary = mesh.locate_entities_boundary(domain, facets, lambda x: np.full(x.shape[1], True))
+    boundary = mesh.exterior_facet_indices(domain.topology)
     for name, interface in interfaces.items():
-        free = np.setdiff1d(boundary[boundary < owned], interface.facets)
+        free = np.setdiff1d(boundary, interface.facets)
         if domain.comm.allreduce(len(free)) == 0:
             raise ValueError(whole_edge(name))
 
@@ -297,7 +302,7 @@ def surface_reference(
     By its area, its centroid (3,), and the integrals of its normal, (3,), and of n n^T, (3, 3).
     """
     length = float(np.linalg.norm(normal))
-    if length > (1.0 - FLAT) * area:
+    if length > (1.0 - REFERENCE.flat) * area:
         return centroid, normal / length
     cylinder = fit_cylinder(points, np.asarray(np.linalg.eigh(spread)[1][:, 0]))
     return (centroid, None) if cylinder is None else cylinder
@@ -351,12 +356,16 @@ def nearest_circle(points: Array, accuracy: float) -> tuple[Array, float] | None
 
 def fit_circle(points: Array) -> Array | None:
     """The centre (2,) of the circle of points (n, 2); None for fewer than five or under a sixth."""
-    circle, offset = nearest_circle(points, ROUND), points - points.mean(axis=0)
+    circle, offset = nearest_circle(points, REFERENCE.round), points - points.mean(axis=0)
     extent = float(np.max(np.linalg.norm(offset, axis=1)))
     # the chord of a sixth of the circle is as long as the radius; these points extend to its half
-    if circle is None or circle[1] > 2.0 * (1.0 + ROUND) * extent:
+    if circle is None or circle[1] > 2.0 * (1.0 + REFERENCE.round) * extent:
         return None
-    return circle[0] if len(np.unique(np.round(offset / extent, 9), axis=0)) >= FEWEST else None
+    return (
+        circle[0]
+        if len(np.unique(np.round(offset / extent, 9), axis=0)) >= REFERENCE.fewest
+        else None
+    )
 
 
 def fit_cylinder(points: Array, axis: Array) -> tuple[Array, Array] | None:

@@ -16,6 +16,9 @@ from ..arrays import Array, Integers, Mask
 from . import _compat
 from .mesh_checks import vertex_nodes
 
+#: Steps in which coordinates are distinguished, over the size of a body, and factors by which three
+#: of their numbers make one of 64 bits
+_STEPS, _KEY = 2**20, np.array([2**42, 2**21, 1])
 #: Facets, or cells, of this rank by name
 Numbers = dict[str, NDArray[np.int32]]
 
@@ -65,7 +68,20 @@ def _rows_among(rows: Integers, chosen: Integers) -> NDArray[np.int32]:
     """The places of rows that hold the same numbers, in any order, as one of the ``chosen``."""
     rows, chosen = np.sort(rows, axis=1), np.sort(chosen, axis=1)
     candidates = np.flatnonzero(np.isin(rows[:, 0], chosen[:, 0]))
-    both = np.vstack([rows[candidates], chosen])
-    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
-    of_candidates, of_chosen = np.split(number, [len(candidates)])
-    return candidates[np.isin(of_candidates, of_chosen)].astype(np.int32)
+    candidates_and_chosen = np.vstack([rows[candidates], chosen])
+    number = np.unique(candidates_and_chosen, axis=0, return_inverse=True)[1].ravel()
+    number_of_candidate, number_of_chosen = np.split(number, [len(candidates)])
+    matches = np.isin(number_of_candidate, number_of_chosen)
+    return candidates[matches].astype(np.int32)
+
+
+def numbered(points: Array) -> tuple[Integers, Integers]:
+    """Places of different points among points (n, 3), and the number of each given point."""
+    if not len(points):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    low = points.min(axis=0)
+    step = float(np.max(np.ptp(points, axis=0))) / _STEPS
+    # off the round numbers: one and the same point would be rounded to either side of a half
+    rounded = np.floor((points - low) / step + 0.3127).astype(np.int64)
+    _, first, number = np.unique(rounded @ _KEY, return_index=True, return_inverse=True)
+    return first, number

@@ -128,9 +128,7 @@ def _boundary_segments(domain: mesh.Mesh) -> Array:
     """The ends of boundary edges, shape (edges, 2, dimension), some repeated; on every rank."""
     dim = domain.topology.dim
     domain.topology.create_connectivity(dim - 1, dim)
-    boundary = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.full(x.shape[1], True))
-    owned = boundary[boundary < domain.topology.index_map(dim - 1).size_local]
-    corners = facet_nodes(domain, owned)
+    corners = facet_nodes(domain, mesh.exterior_facet_indices(domain.topology))
     ends = corners[:, _SIDES[corners.shape[1]]].reshape(-1, 2)
     return np.vstack(domain.comm.allgather(domain.geometry.x[ends][:, :, :dim]))
 

@@ -19,11 +19,11 @@ import basix
 import numpy as np
 
 from ..arrays import Array, Integers, Mask
-from ..parallel import announce, on_every_rank
+from ..parallel import announce
 from . import _compat
 from .curves import ShapeError
 from .domain import Domain
-from .mesh_arrays import MeshArrays, distribute
+from .mesh_arrays import MeshArrays, distribute, numbered
 
 #: Regions of a body
 DESIGNED, SOLID, VOID = 0, 1, 2
@@ -68,14 +68,8 @@ class CuttingOptions:
 
 
 CUTTING = CuttingOptions()
-#: Factors by which three numbers below 2^21 make one
-_KEY = np.array([2**42, 2**21, 1])
-#: Steps in which coordinates are distinguished, over the size of the body
-_STEPS = 2**20
 #: Corners of a cell of DOLFINx in the order of VTK
 CORNERS = {"tetrahedron": [0, 1, 2, 3], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
-#: Distance of points that are one, relative to the size of the body
-_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +91,7 @@ class GatheredMesh:
         dofs = _compat.dofmap_array(domain.space)[: domain.n_cells, order]
         on_interfaces = [np.isin(dofs, interface.dofs) for interface in domain.interfaces.values()]
         all_corners = domain.on_rank_0(domain.mesh.geometry.x[nodes]).reshape(-1, 3)
-        tolerance = _SAME * float(np.max(np.ptp(domain.bounding_box, axis=0)))
-        _, first_corner, point_of_corner = np.unique(
-            np.round(all_corners / tolerance), axis=0, return_index=True, return_inverse=True
-        )
+        first_corner, point_of_corner = numbered(all_corners)
         marks = domain.on_rank_0(np.stack(on_interfaces, axis=2)).reshape(
             len(all_corners), len(on_interfaces)
         )[first_corner]
@@ -217,15 +208,14 @@ class Tetrahedra:
     ) -> Domain:
         """A body of what is not void; facets refer to places in ``names``."""
         arrays = None
-        with on_every_rank(comm, "a body of tetrahedra"):
-            if comm.rank == 0:
-                not_void = self.regions != VOID
-                used, cells = np.unique(self.cells[not_void], return_inverse=True)
-                cells = cells.reshape(-1, 4)
-                tags, sides = self.facets[not_void], cells[:, _OPPOSITE]
-                facets = {name: sides[tags == i] for i, name in enumerate(names) if i in tags}
-                regions = {"solid": self.regions[not_void] == SOLID}
-                arrays = MeshArrays("tetrahedron", 1, self.points[used], cells, facets, regions)
+        if comm.rank == 0:
+            not_void = self.regions != VOID
+            used, cells = np.unique(self.cells[not_void], return_inverse=True)
+            cells = cells.reshape(-1, 4)
+            tags, sides = self.facets[not_void], cells[:, _OPPOSITE]
+            facets = {name: sides[tags == i] for i, name in enumerate(names) if i in tags}
+            regions = {"solid": self.regions[not_void] == SOLID}
+            arrays = MeshArrays("tetrahedron", 1, self.points[used], cells, facets, regions)
         mesh, facets_by_name, cells_by_name = distribute(comm, arrays)
         known_centers = {name: center for name, center in centers.items() if name in facets_by_name}
         # a part that stays solid everywhere has nothing that could be designed again
@@ -248,18 +238,6 @@ def _facets(domain: Domain) -> Integers:
     columns = [sides.index(side) for side in np.sort(sides_in_order, axis=1).tolist()]
     of_cells = np.asarray(topology.connectivity(3, 2).array).reshape(-1, len(sides))
     return np.asarray(tag[of_cells[: domain.n_cells][:, columns]])
-
-
-def numbered(points: Array) -> tuple[Array, Integers]:
-    """The different points among points (n, 3), and the number of each given point among them."""
-    low = points.min(axis=0)
-    step = float(np.max(np.ptp(points, axis=0))) / _STEPS
-    # off the round numbers: one and the same point would be rounded to either side of a half
-    rounded = np.floor((points - low) / step + 0.3127).astype(np.int64)
-    _, first_index, number_of_point = np.unique(
-        rounded @ _KEY, return_index=True, return_inverse=True
-    )
-    return points[first_index], number_of_point
 
 
 def _division(domain: Domain, finer: int) -> tuple[tuple[int, int, int], bool]:
@@ -309,7 +287,8 @@ def _divided(body: Tetrahedra, weights: Array) -> Tetrahedra:
     """Cells, also hexahedra, divided into cells alike, by weights (parts, corners, corners)."""
     n_parts, corners = weights.shape[:2]
     positions = np.einsum("pkc,nci->npki", weights, body.points[body.cells])
-    points, number_of_corner = numbered(positions.reshape(-1, 3))
+    positions = positions.reshape(-1, 3)
+    first_corner, number_of_corner = numbered(positions)
     sides = _FACES if corners == 8 else _OPPOSITE
     # a side of a part is on that side of the cell whose corners alone give its corners
     tags = np.full((len(body.cells), n_parts, len(sides)), -1, dtype=np.int64)
@@ -319,7 +298,7 @@ def _divided(body: Tetrahedra, weights: Array) -> Tetrahedra:
             if not np.any(np.delete(needed, side)):
                 tags[:, k, i] = body.facets[:, j]
     cells, facets = number_of_corner.reshape(-1, corners), tags.reshape(-1, len(sides))
-    return Tetrahedra(points, cells, facets, np.repeat(body.regions, n_parts))
+    return Tetrahedra(positions[first_corner], cells, facets, np.repeat(body.regions, n_parts))
 
 
 def _split(body: Tetrahedra, *, with_faces: bool) -> Tetrahedra:

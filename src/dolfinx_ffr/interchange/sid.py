@@ -34,7 +34,8 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,10 @@ Taylor = tuple[Array, Array | None]
 #: Pairs of axes of products of angular velocities 11, 22, 33, 12, 23, 13
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 _J = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-_NODE = {"origin": (3, 1), "phi": (3, None), "psi": (3, None), "AP": (3, 3), "sigma": (6, 1)}
+#: Shapes of the terms of a node but phi and psi, which have a column for each mode
+_NODE = {"origin": (3, 1), "AP": (3, 3), "sigma": (6, 1)}
+#: An entry of a term, without spaces
+_ENTRY = re.compile(r"m([01])\(([\d,]+)\)")
 _FIELDS = ("order", "nrow", "ncol", "nq", "nqn", "structure")
 #: Largest difference of redundant terms, relative to their size, as files have few digits
 _SAME = 1e-5
@@ -107,13 +111,16 @@ class StandardInputData:
 
     def read(self, path: Path) -> dict[str, Any]:
         text = unsealed(path)
-        reader = _Reader(text)
-        mass, terms, nodes = reader.modal()
+        modal = _Modal.of(text)
         stated_names = re.search(r"markers=(\[.*?\])\s*$", text.partition("\n")[0])
-        names = [str(name) for name in json.loads(stated_names[1])] if stated_names else list(nodes)
-        if len(names) != len(nodes):
-            raise ValueError(f"line 1: {len(names)} names of {len(nodes)} nodes")
-        return _body(mass, reader.r, terms, dict(zip(names, nodes.values(), strict=True)))
+        names = (
+            [str(name) for name in json.loads(stated_names[1])]
+            if stated_names
+            else list(modal.nodes)
+        )
+        if len(names) != len(modal.nodes):
+            raise ValueError(f"line 1: {len(names)} names of {len(modal.nodes)} nodes")
+        return _body(replace(modal, nodes=dict(zip(names, modal.nodes.values(), strict=True))))
 
 
 def read_terms(path: str | Path) -> dict[str, Taylor]:
@@ -122,7 +129,7 @@ def read_terms(path: str | Path) -> dict[str, Taylor]:
     They need not make a body. The first order has the index of q before the index of the column,
     and may be None.
     """
-    return _Reader(unsealed(Path(path))).modal()[1]
+    return _Modal.of(unsealed(Path(path))).terms
 
 
 def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
@@ -202,125 +209,157 @@ def _written(name: str, m0: Array, m1: Array | None, indent: int) -> Iterator[st
     yield f"{outer}end {name}"
 
 
-class _Reader:
-    """A reader of the lines of a file, one after the other."""
+@dataclass
+class _Block:
+    """What stands between the line that opens a block and the line that ends it."""
 
-    _entry = re.compile(r"m([01])\s*\(([\d\s,]+)\)\s*=\s*(\S+)$")
+    name: str
+    title: str = ""  #: What stands behind "new node ="
+    line: int = 1
+    #: Number of the line, and text behind "=", by the text before it without spaces
+    values: dict[str, tuple[int, str]] = field(default_factory=dict)
+    blocks: list[_Block] = field(default_factory=list)
 
-    def __init__(self, text: str) -> None:
-        lines = ((k, line.strip()) for k, line in enumerate(text.splitlines(), 1))
-        self._lines = [(k, line) for k, line in lines if line]
-        self._at = 0
-        head = re.match(r"(\d+)\s+(\d+)\b", self._next("the numbers of nodes and modes"))
+    def inner(self, name: str) -> _Block:
+        """The only block of a name."""
+        blocks = [block for block in self.blocks if block.name == name]
+        if len(blocks) != 1:
+            raise ValueError(f"line {self.line}: {self.name} has {len(blocks)} blocks {name!r}")
+        return blocks[0]
+
+    def value(self, key: str) -> tuple[int, str]:
+        """Number of the line, and text behind a key."""
+        if key not in self.values:
+            raise ValueError(f"line {self.line}: {self.name} has no {key!r}")
+        return self.values[key]
+
+    def integer(self, key: str) -> int:
+        """The whole number behind a key."""
+        line, text = self.value(key)
+        if not re.fullmatch(r"\d{1,9}", text):
+            raise ValueError(f"line {line}: {key} must be a whole number, not {text!r}")
+        return int(text)
+
+
+def _blocks(text: str) -> _Block:
+    """The blocks of a file, whose first line is not one of them."""
+    opened = [_Block("file")]
+    for number_of_line, line in enumerate(text.splitlines()[1:], 2):
+        before, equals, after = line.partition("=")
+        words, value = before.split(), after.strip()
+        if not words:
+            continue
+        if words[0] == "end":
+            if len(opened) == 1 or words[1:] != [opened[-1].name]:
+                raise ValueError(f"line {number_of_line}: {line.strip()[:60]!r} ends no block")
+            opened.pop()
+        elif equals and words[0] != "new":
+            key, values = "".join(words), opened[-1].values
+            if key in values:
+                raise ValueError(f"line {number_of_line}: {key[:60]!r} stands twice")
+            values[key] = number_of_line, value
+        else:
+            block = _Block(words[-1], value, number_of_line)
+            opened[-1].blocks.append(block)
+            opened.append(block)
+    if len(opened) > 1:
+        raise ValueError(f"the file ends within {opened[-1].name!r}: it was cut short")
+    return opened[0]
+
+
+@dataclass(frozen=True)
+class _Modal:
+    """What a file holds."""
+
+    r: int  #: Number of modes
+    mass: float  #: [kg]
+    terms: dict[str, Taylor]  #: Of the body, by name
+    nodes: dict[str, dict[str, Taylor]]  #: Terms of each node, by its name
+
+    @staticmethod
+    def of(text: str) -> _Modal:
+        """What the text of a file holds."""
+        head = re.match(r"\s*(\d+)\s+(\d+)\b", text)
         if not head:
             raise ValueError("line 1: it must begin with the numbers of nodes and modes")
-        self.n, self.r = int(head[1]), int(head[2])
-        if max(self.n, self.r) > len(self._lines):
-            raise ValueError(f"line 1: {self.n} nodes and {self.r} modes in so short a file")
+        n, r = int(head[1]), int(head[2])
+        if max(n, r) > text.count("\n") + 1:
+            raise ValueError(f"line 1: {n} nodes and {r} modes in so short a file")
 
-    def _next(self, wanted: str) -> str:
-        if self._at == len(self._lines):
-            raise ValueError(f"the file ends before {wanted}: it was cut short")
-        self.line, text = self._lines[self._at]
-        self._at += 1
-        return text
-
-    def _expect(self, *words: str) -> str:
-        """The value of the next line, which begins with the words."""
-        text = self._next(" ".join(words))
-        head, _, value = text.partition("=")
-        if head.split()[: len(words)] != list(words):
+        modal = _blocks(text).inner("part").inner("modal")
+        refmod, frame = modal.inner("refmod"), modal.inner("frame")
+        line, mass = refmod.value("mass")
+        if refmod.integer("nelastq") != r:
+            raise ValueError(f"line {refmod.line}: nelastq differs from {r} in the first line")
+        in_node = {**_NODE, "phi": (3, r), "psi": (3, r)}
+        nodes = {node.title: _terms(node.blocks, in_node, r) for node in frame.blocks}
+        if not len(nodes) == len(frame.blocks) == n or "" in nodes:
             raise ValueError(
-                f"line {self.line}: {' '.join(words)!r} is expected, not {text[:60]!r}"
+                f"line {frame.line}: {n} nodes with names of their own are expected, and there "
+                f"are {list(nodes)}"
             )
-        return value.strip()
-
-    def _integer(self, word: str) -> int:
-        value = self._expect(word)
-        if not re.fullmatch(r"\d{1,9}", value):
-            raise ValueError(f"line {self.line}: {word} must be a whole number, not {value!r}")
-        return int(value)
-
-    def modal(self) -> tuple[float, dict[str, Taylor], dict[str, dict[str, Taylor]]]:
-        """Mass, terms of the body by name, and terms of the nodes by their name."""
-        self._expect("part")
-        self._expect("new", "modal")
-        self._expect("refmod")
-        mass = number(self._expect("mass"), self.line)
-        if self._integer("nelastq") != self.r:
-            raise ValueError(f"line {self.line}: nelastq differs from {self.r} in the first line")
-        for _ in range(self.r):
-            self._expect("ielastq")
-        self._expect("end", "refmod")
-        self._expect("frame")
-        nodes: dict[str, dict[str, Taylor]] = {}
-        for _ in range(self.n):
-            name = self._expect("new", "node")
-            if not name or name in nodes:
-                raise ValueError(f"line {self.line}: node {name!r} stands twice or has no name")
-            self._expect("rframe")
-            nodes[name] = self._terms("end node", _NODE)
-        self._expect("end", "frame")
-        r = self.r
-        layouts = {"mdCM": (3, 1), "J": (None, None), "Ct": (r, 3), "Cr": (r, 3), "Me": (r, r)}
-        layouts |= {"Gr": (3, 3 * r), "Ge": (r, 3 * r), "Oe": (r, 6), "ksigma": (r, 1)}
-        terms = self._terms("end modal", {**layouts, "Ke": (r, r), "De": (r, r)})
-        self._expect("end", "part")
+        in_body = {"mdCM": (3, 1), "J": None, "Ct": (r, 3), "Cr": (r, 3), "Me": (r, r)}
+        in_body |= {"Gr": (3, 3 * r), "Ge": (r, 3 * r), "Oe": (r, 6), "ksigma": (r, 1)}
+        in_body |= {"Ke": (r, r), "De": (r, r)}
+        of_body = [block for block in modal.blocks if block.name not in ("refmod", "frame")]
+        terms = _terms(of_body, in_body, r)
         if missing := sorted({"mdCM", "J", "Ct", "Cr", "Me", "Gr", "Oe", "Ke"} - set(terms)):
             raise ValueError(f"the terms {missing} are missing")
-        return mass, terms, nodes
+        return _Modal(r, number(mass, line), terms, nodes)
 
-    def _terms(self, end: str, layouts: dict[str, Any]) -> dict[str, Taylor]:
-        terms: dict[str, Taylor] = {}
-        while (name := self._next(end)) != end:
-            if name not in layouts or name in terms:
-                raise ValueError(
-                    f"line {self.line}: {name[:60]!r} is not one of {list(layouts)}, or stands "
-                    "twice"
-                )
-            rows, columns = layouts[name]
-            terms[name] = self._taylor(name, rows, self.r if name in ("phi", "psi") else columns)
-        return terms
 
-    def _taylor(self, name: str, rows: int | None, columns: int | None) -> Taylor:
-        order, nrow, ncol, nq, _, structure = (self._integer(key) for key in _FIELDS)
-        shape = nrow, ncol
-        fits = shape in ((6, 1), (3, 3)) if rows is None else shape == (rows, columns)
-        if not fits or order > 1 or structure > 4 or nq not in (0, self.r):
+def _terms(
+    blocks: Sequence[_Block], shapes: Mapping[str, tuple[int, int] | None], r: int
+) -> dict[str, Taylor]:
+    """The terms in some blocks by name; without a shape one is (6, 1) or (3, 3)."""
+    terms: dict[str, Taylor] = {}
+    for block in blocks:
+        if block.name not in shapes or block.name in terms:
             raise ValueError(
-                f"line {self.line}: {name} has order {order}, {nrow} x {ncol} entries, nq = {nq} "
-                f"and structure {structure}; that does not fit {self.r} modes"
+                f"line {block.line}: {block.name[:60]!r} is not one of {list(shapes)}, or stands "
+                "twice"
             )
-        by_modes = nrow, self.r if order else 0, ncol
-        if 8 * nrow * ncol * (1 + by_modes[1]) > available_memory():  # it is text of any size
-            raise ValueError(f"line {self.line}: {name} of {self.r} modes is more than the memory")
-        orders = np.zeros(shape), np.zeros(by_modes)
-        if structure == 4:
-            orders[0][:] = np.eye(*shape)
-        entries = set()
-        while (text := self._next(f"end {name}")) != f"end {name}":
-            entry = self._entry.match(text)
-            index = tuple(int(k) - 1 for k in entry[2].split(",")) if entry else ()
-            if not entry or len(index) != 2 + int(entry[1]) or int(entry[1]) > order:
-                raise ValueError(f"line {self.line}: {text[:60]!r} is no entry of {name}")
-            array = orders[int(entry[1])]
-            if (entry[1], index) in entries or any(
-                not 0 <= k < size for k, size in zip(index, array.shape, strict=True)
-            ):
-                raise ValueError(f"line {self.line}: {text[:60]!r} is twice in {name}, or outside")
-            entries.add((entry[1], index))
-            array[index] = number(entry[3], self.line)
-        if structure == 2 and nrow == ncol:  # one triangle
-            for array in (orders[0], *orders[1].transpose(1, 0, 2)):
-                one_sided = not (np.any(np.tril(array, -1)) and np.any(np.triu(array, 1)))
-                array += array.T - np.diag(np.diag(array)) if one_sided else 0.0
-        return orders[0], orders[1] if order else None
+        terms[block.name] = _taylor(block, shapes[block.name], r)
+    return terms
 
 
-def _body(
-    mass: float, r: int, terms: dict[str, Taylor], nodes: dict[str, dict[str, Taylor]]
-) -> dict[str, Any]:
-    """The arrays of a body from its terms."""
+def _taylor(block: _Block, expected: tuple[int, int] | None, r: int) -> Taylor:
+    """A term of a shape, of ``r`` modes."""
+    order, nrow, ncol, nq, _, structure = (block.integer(key) for key in _FIELDS)
+    shape = nrow, ncol
+    fits = shape in ((6, 1), (3, 3)) if expected is None else shape == expected
+    if not fits or order > 1 or structure > 4 or nq not in (0, r):
+        raise ValueError(
+            f"line {block.line}: {block.name} has order {order}, {nrow} x {ncol} entries, nq = "
+            f"{nq} and structure {structure}; that does not fit {r} modes"
+        )
+    by_modes = nrow, r if order else 0, ncol
+    if 8 * nrow * ncol * (1 + by_modes[1]) > available_memory():  # it is text of any size
+        raise ValueError(f"line {block.line}: {block.name} of {r} modes is more than the memory")
+
+    orders = np.zeros(shape), np.zeros(by_modes)
+    if structure == 4:
+        orders[0][:] = np.eye(*shape)
+    for key, (line, text) in block.values.items():
+        if key in _FIELDS:
+            continue
+        entry = _ENTRY.fullmatch(key)
+        index = tuple(int(k) - 1 for k in entry[2].split(",")) if entry else ()
+        array = orders[int(entry[1])] if entry else orders[0]
+        inside = [0 <= k < size for k, size in zip(index, array.shape, strict=False)]
+        if len(index) != array.ndim or not all(inside):
+            raise ValueError(f"line {line}: {key[:60]!r} is no entry of {block.name}")
+        array[index] = number(text, line)
+    if structure == 2 and nrow == ncol:  # one triangle
+        for array in (orders[0], *orders[1].transpose(1, 0, 2)):
+            one_sided = not (np.any(np.tril(array, -1)) and np.any(np.triu(array, 1)))
+            array += array.T - np.diag(np.diag(array)) if one_sided else 0.0
+    return orders[0], orders[1] if order else None
+
+
+def _body(modal: _Modal) -> dict[str, Any]:
+    """The arrays of a body from what a file holds."""
+    r, mass, terms, nodes = modal.r, modal.mass, modal.terms, modal.nodes
 
     def first_order(name: str) -> Array:
         m0, m1 = terms[name]

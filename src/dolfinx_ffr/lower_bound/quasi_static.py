@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..fem import PLATE, Block
+from ..fem import PLATE, Block, FieldPairs
 from ..objective import IntegralCompliance, time_weights
 from ..problem import Evaluation, Problem
 from ..reduction import FlexibleBody
@@ -227,8 +227,7 @@ class QuasiStatic:
     def _history(self, name: str, loads: Block, strains: Block) -> BodyHistory:
         """The history of a body with its integrals over cells; collective."""
         x, fields = self.densities[name], self.bodies[name].fields
-        none = np.zeros((len(fields), 0))
         gradient = self.bodies[name].body.elasticity.density_gradient
-        by_mass = gradient(x, fields, -2.0 * loads, none, none)
-        energy = gradient(x, none, none, strains, strains) / (1.0 - PLATE.floor)
+        by_mass = gradient(x, FieldPairs.in_mass(fields, -2.0 * loads))
+        energy = gradient(x, FieldPairs.in_stiffness(strains, strains)) / (1.0 - PLATE.floor)
         return BodyHistory(loads, strains, by_mass, -energy)

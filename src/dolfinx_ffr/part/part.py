@@ -49,19 +49,17 @@ from .boundary import Side, boundary
 from .cut import cut
 from .enclosed import Findings
 from .export import Loop, Sheet, write
-from .field import Field
+from .field import Field, turns
 from .in_space import mesh_solid
-from .lattice import DESIGN, VOID, Lattice
+from .lattice import Lattice
 from .options import CURVES, MESHES
-from .pieces import Piece, attached, drawing, outlines, pieces
+from .pieces import attached, drawing, outlines, pieces
 from .pockets import pocket_faces
 from .verify import Verifiable
 from .widths import Width, member_widths, narrowest_gap, thinnest_member
 
 #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
 Outlines = list[list[list[Curve]]]
-#: The name of the interface of each curve of outlines, empty where there is none
-InterfacesOfCurves = list[list[list[str]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +82,6 @@ class _Findings(Findings):
     """What rank 0 finds out about a part, its boundary above all."""
 
     drawing: Drawing  #: Designed and solid faces
-    outlines: Outlines
-    interfaces: InterfacesOfCurves
     loose: list[LoosePiece]
     crossing: str  #: Where curves cross [mm], empty if they do not
 
@@ -161,30 +157,30 @@ class Part(Verifiable):
         self._findings: _Findings = findings
         #: Curves, and the faces between them in designed and solid cells
         self.drawing = findings.drawing
-        #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
-        self.outlines = findings.outlines
         self._warn()
 
     def redrawn(self, drawing: Drawing) -> Part:
         """The part of the same body between the curves of a ``drawing``."""
         part = copy(self)
-        for measured in ("_moments", "polygon", "thinnest_member", "narrowest_gap", "pockets"):
-            part.__dict__.pop(measured, None)
-        names = list(self.body.interfaces)
-        outlines, interfaces = _outlines_of_faces(drawing, drawing.faces, self.accuracy, names)
-        part.drawing, part.outlines = drawing, outlines
+        for name, value in vars(type(self)).items():
+            if isinstance(value, cached_property):
+                part.__dict__.pop(name, None)
+        part.drawing = drawing
         part._findings = replace(
             self._findings,
             drawing=drawing,
-            outlines=outlines,
-            interfaces=interfaces,
-            pieces=len(outlines),
+            pieces=len(part.outlines),
             loose=[],
             loose_warning="",
         )
         # the field of the first part has another boundary
         part.field = lambda x: 2.0 * shapely.contains_xy(part.polygon, *np.transpose(x)) - 1.0
         return part
+
+    @cached_property
+    def outlines(self) -> Outlines:
+        """For each piece the outer loop of curves, counterclockwise, then its holes, clockwise."""
+        return _curves(outlines(self.drawing, self.drawing.faces, self.accuracy))
 
     @property
     def holes(self) -> int:
@@ -301,28 +297,16 @@ class Part(Verifiable):
 
     @property
     def _sheet(self) -> Sheet:
-        outlines, interfaces = self.outlines, self._findings.interfaces
-        pockets: list[list[Loop]] = []
-        if self.pockets:
-            faces, names = [*self.drawing.faces, *self.pockets], list(self.body.interfaces)
-            outlines, interfaces = _outlines_of_faces(self.drawing, faces, self.accuracy, names)
-            pockets = [
-                [
-                    [(curve, "") for curve in walked(self.drawing.curves, loop)]
-                    for loop in face.loops
-                ]
-                for face in self.pockets
-            ]
-        pieces = [
-            [list(zip(*loop, strict=True)) for loop in zip(*piece, strict=True)]
-            for piece in zip(outlines, interfaces, strict=True)
-        ]
+        curves = self.drawing.curves
         return Sheet(
-            pieces,
+            outlines(self.drawing, [*self.drawing.faces, *self.pockets], self.accuracy),
             list(self.body.interfaces),
             self.polygon,
             lambda: self.thickness,
-            pockets=pockets,
+            pockets=[
+                [[(curve, "") for curve in walked(curves, loop)] for loop in face.loops]
+                for face in self.pockets
+            ],
             floors=self.floors,
             web=self.web,
         )
@@ -432,13 +416,11 @@ class Part(Verifiable):
 
 def _notches(ring: Array) -> tuple[Array, Array]:
     """Where a ring (n, 2) around material on its left bends around a notch, and the radii [m]."""
-    after = np.roll(ring, -1, axis=0) - ring
-    before = np.roll(after, 1, axis=0)
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    angle = np.arctan2(cross, np.einsum("ij,ij->i", before, after))
-    side = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
+    sides = np.diff(np.vstack([ring[-1:], ring, ring[:1]]), axis=0)
+    lengths = np.linalg.norm(sides, axis=1)
+    shorter, angle = np.minimum(lengths[:-1], lengths[1:]), turns(sides)
     bent = (angle < 0.0) & (angle > -MESHES.corner)
-    return ring[bent], side[bent] / -angle[bent]
+    return ring[bent], shorter[bent] / -angle[bent]
 
 
 def _find(
@@ -461,18 +443,16 @@ def _find(
     attachment = attached(pieces(sides, accuracy), lengths, lengths_of_pieces, joined=web > 0.0)
     of_part = [sides[i] for piece in attachment.pieces for i in piece.sides]
 
-    around, interfaces = _outlines_of_pieces(sides, attachment.pieces, accuracy, names)
-    loose = [
-        LoosePiece(
-            piece.area, piece.center, _outlines_of_pieces(sides, [piece], accuracy, names)[0][0]
-        )
-        for piece in attachment.loose
-    ]
+    drawn = drawing(sides, attachment.pieces, names)
+    around = _curves(outlines(drawn, drawn.faces, accuracy))
+    loose = []
+    for piece in attachment.loose:
+        alone = drawing(sides, [piece], names)
+        (outline,) = _curves(outlines(alone, alone.faces, accuracy))
+        loose.append(LoosePiece(piece.area, piece.center, outline))
     return _Findings(
         pieces=len(around),
-        drawing=drawing(sides, attachment.pieces, names),
-        outlines=around,
-        interfaces=interfaces,
+        drawing=drawn,
         loose_warning=attachment.loose_warning,
         warnings=attachment.warnings + _polygon_warnings(of_part, names),
         loose=loose,
@@ -489,27 +469,9 @@ def _lengths(chains: Array, interface: Integers, names: Sequence[str]) -> dict[s
     return dict(zip(names, total.tolist(), strict=True))
 
 
-def _outlines_of_faces(
-    drawing: Drawing, faces: Sequence[Face], accuracy: float, names: Sequence[str]
-) -> tuple[Outlines, InterfacesOfCurves]:
-    """The outlines of some faces of a drawing together, and the interface of each curve."""
-    number = {name: i for i, name in enumerate(names)}
-    sides = [
-        Side(curve, nodes, DESIGN, VOID, number.get(group, -1), False)
-        for curve, nodes, group in zip(drawing.curves, drawing.nodes, drawing.groups, strict=True)
-    ]
-    piece = Piece([], faces, frozenset(), 0.0, np.zeros(2))
-    return _outlines_of_pieces(sides, [piece], accuracy, names)
-
-
-def _outlines_of_pieces(
-    sides: Sequence[Side], pieces: Sequence[Piece], accuracy: float, names: Sequence[str]
-) -> tuple[Outlines, InterfacesOfCurves]:
-    """The outlines of pieces, and the interface of each curve."""
-    bounds, known = outlines(sides, pieces, accuracy), [*names, ""]  # number -1 is the last one
-    curves = [[[side.curve for side in loop] for loop in loops] for loops in bounds]
-    interfaces = [[[known[side.interface] for side in loop] for loop in loops] for loops in bounds]
-    return curves, interfaces
+def _curves(pieces: Sequence[Sequence[Loop]]) -> Outlines:
+    """The curves of loops, without their groups."""
+    return [[[curve for curve, _ in loop] for loop in loops] for loops in pieces]
 
 
 def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[str]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..fem import Drawing, Face, ShapeError, connected, directed_faces, enclosed
+from ..fem import Curve, Drawing, Face, ShapeError, connected, directed_faces, enclosed, walked
 from .boundary import Side
 from .lattice import DESIGN, SOLID
 
@@ -84,18 +84,27 @@ def _directed(sides: Sequence[Side], tolerance: float) -> list[list[list[int]]]:
 
 
 def outlines(
-    sides: Sequence[Side], pieces: Sequence[Piece], tolerance: float
-) -> list[list[list[Side]]]:
-    """The boundary of pieces: for each the outer loop, then its holes."""
-    around = [step for p in pieces for face in p.faces for loop in face.loops for step in loop]
-    walked_both_ways = set(around)
-    # a side that bounds one face alone, seen from this face
-    bounds = [
-        sides[i] if forward else sides[i].reversed()
-        for i, forward in around
-        if (i, not forward) not in walked_both_ways
+    drawing: Drawing, faces: Sequence[Face], tolerance: float
+) -> list[list[list[tuple[Curve, str]]]]:
+    """The boundary of some faces of a drawing together: for each piece the outer loop, then holes.
+
+    Loops are of curves with their groups, the faces on the left. The tolerance is that of the
+    polygons by which holes are found in pieces [m].
+    """
+    sides = outer_sides(faces)
+    curves = walked(drawing.curves, sides)
+    nodes = [drawing.nodes[i] if forward else drawing.nodes[i][::-1] for i, forward in sides]
+    return [
+        [[(curves[k], drawing.groups[sides[k][0]]) for k in loop] for loop in loops]
+        for loops in directed_faces(curves, nodes, tolerance)
     ]
-    return [[[bounds[i] for i in loop] for loop in loops] for loops in _directed(bounds, tolerance)]
+
+
+def outer_sides(faces: Sequence[Face]) -> list[tuple[int, bool]]:
+    """The sides that bound one of some faces alone; forward where it is on the left."""
+    around = [side for face in faces for loop in face.loops for side in loop]
+    walked_both_ways = set(around)
+    return [(i, forward) for i, forward in around if (i, not forward) not in walked_both_ways]
 
 
 def drawing(sides: Sequence[Side], pieces: Sequence[Piece], names: Sequence[str]) -> Drawing:

@@ -6,8 +6,9 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from ..fem import Drawing, Face, ShapeError, directed_faces, ring, walked
+from ..fem import Drawing, Face, ShapeError, directed_faces, face_polygon, ring, walked
 from .options import CURVES
+from .pieces import outer_sides
 
 
 def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> list[Face]:
@@ -21,10 +22,8 @@ def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> li
     Raises:
         ShapeError: If a pocket is open at the outline or at a hole of the body.
     """
-    around = [side for face in drawing.faces for loop in face.loops for side in loop]
-    walked_both_ways = set(around)
-    # a side that bounds one face alone, with that face on the right
-    sides = [(i, not forward) for i, forward in around if (i, not forward) not in walked_both_ways]
+    # with the face on the right
+    sides = [(i, not forward) for i, forward in outer_sides(drawing.faces)]
     curves = walked(drawing.curves, sides)
     nodes = [drawing.nodes[i] if forward else drawing.nodes[i][::-1] for i, forward in sides]
     accuracy = 0.01 * CURVES.strip * spacing
@@ -40,7 +39,8 @@ def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> li
             faces.append(Face("pocket", [[sides[i] for i in loop] for loop in loops]))
             floors.append(floor)
 
-    missing = body.difference(shapely.union_all([*floors, _covered(drawing, accuracy)]))
+    full = [face_polygon(drawing.curves, face.loops, accuracy) for face in drawing.faces]
+    missing = body.difference(shapely.union_all([*floors, *full]))
     missing = missing.buffer(-0.5 * CURVES.strip * spacing)
     if not missing.is_empty:
         x, y = 1e3 * np.array(missing.representative_point().coords[0])
@@ -49,12 +49,3 @@ def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> li
             "the body, and a web has full thickness all around: give the design a hole_rim"
         )
     return faces
-
-
-def _covered(drawing: Drawing, accuracy: float) -> shapely.Geometry:
-    """What the faces of a drawing cover, as polygons within an accuracy [m]."""
-    covered = []
-    for face in drawing.faces:
-        outer, *holes = [ring(walked(drawing.curves, loop), accuracy) for loop in face.loops]
-        covered.append(shapely.Polygon(outer, holes))
-    return shapely.union_all(covered)

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..arrays import Array
-from ..io import read_history
 from ..mechanism import Parameters
 from . import style
 
@@ -42,7 +41,7 @@ _MOST_NAMED = 12
 
 
 def plot_history(
-    history: Mapping[str, ArrayLike] | str | Path,
+    history: Mapping[str, ArrayLike],
     path: str | Path,
     *,
     psi_solid: float | None = None,
@@ -62,7 +61,7 @@ def plot_history(
     the size of the steps. The last value stands above each panel.
 
     Args:
-        history: Columns by name, or a CSV file with a line of names: ``iteration`` and any of
+        history: Columns by name, as `read_history` reads them: ``iteration`` and any of
             ``psi`` [J s], ``psi of fast`` and so on, ``parameter radius [m]`` and so on, ``volume``
             [-] and beside it ``gray`` [-], ``frequency`` [Hz], ``sharpness`` [-], ``modes``,
             ``mode_error`` [-], ``step`` (explicit steps of a level set: knot spacings; else the
@@ -80,11 +79,9 @@ def plot_history(
     for what, bound in (("psi_solid", psi_solid), ("volume_bound", volume_bound)):
         if bound is not None:
             validation.number(f"plot_history: {what}", bound, above=0.0)
-    if not isinstance(history, Mapping):
-        validation.path("plot_history: history", history)
 
     def draw(file: Path) -> None:
-        columns = _columns(history) if isinstance(history, Mapping) else read_history(history)
+        columns = _columns(history)
         panels = [name for name in _COLUMNS if np.isfinite(columns.get(name, [])).any()]
         for prefix in (_PARAMETER, _LOAD_CASE):
             if any(name.startswith(prefix) for name in columns):

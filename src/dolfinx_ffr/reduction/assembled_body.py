@@ -63,12 +63,8 @@ class AssembledElasticity(Elasticity):
     def _petsc(self, matrix: scipy.sparse.csr_matrix) -> PETSc.Mat:
         """A matrix with the entries that all matrices of the body share."""
         entries = self._zeros.copy()
-        full = matrix.tocoo()
-        # entries of the pattern by row and column, as they stand in memory
-        keys = np.repeat(np.arange(self.n_dofs), np.diff(entries.indptr)) * self.n_dofs
-        keys = keys + entries.indices
-        places = np.searchsorted(keys, full.row.astype(np.int64) * self.n_dofs + full.col)
-        entries.data[places] = full.data
+        rows = np.repeat(np.arange(self.n_dofs), np.diff(entries.indptr))
+        entries.data = np.asarray(matrix[rows, entries.indices]).ravel()
         index = entries.indptr.astype(PETSc.IntType), entries.indices.astype(PETSc.IntType)
         shared = PETSc.Mat().createAIJ(entries.shape, csr=(*index, entries.data), comm=self.comm)
         numbering = PETSc.LGMap().create(

@@ -27,6 +27,7 @@ from ..fem import (
     Domain,
     Elasticity,
     ElasticMaterial,
+    FieldPairs,
     Interpolation,
     StressRecovery,
     _compat,
@@ -98,7 +99,7 @@ class BodyPullback(NamedTuple):
 class _Adjoint(NamedTuple):
     """Fields of the adjoint problem of one body."""
 
-    pairs: tuple[Block, Block, Block, Block]  #: As `Elasticity.density_gradient` takes them
+    pairs: FieldPairs
     bar: VolumeIntegrals  #: Derivative of psi with respect to the integrals
     parts: list[ShapesBar]
     adjoint: Block  #: Of the shape functions, (dofs, r)
@@ -204,12 +205,9 @@ class FlexibleBody:
 
     def _alike(self, **changed: Any) -> FlexibleBody:
         """A body that accepts what this one has reduced: mesh, material and frame stay."""
-        body = self._with(**changed)
+        body = type(self)(self.domain, self.material, **{**self._options, **changed})
         body.mark = self.mark
         return body
-
-    def _with(self, **changed: Any) -> FlexibleBody:
-        return type(self)(self.domain, self.material, **{**self._options, **changed})
 
     def with_domain(self, domain: Domain) -> FlexibleBody:
         """The same body on the mesh ``domain``, which has the same interfaces."""
@@ -456,10 +454,12 @@ class FlexibleBody:
             start = perf_counter()
             moved = self.elasticity.nodes.zeros() if nodes else None
             adjoint = self._adjoint(reduced, bar, shapes, moved)
-            x, elasticity = reduced.density, self.elasticity
-            gradient = elasticity.density_gradient(x, *adjoint.pairs, nodes=moved, cells=cells)
+            gradient = np.zeros(self.domain.n_cells)
+            if cells:
+                gradient = self.elasticity.density_gradient(reduced.density, adjoint.pairs)
             by_nodes, by_centers = None, None
             if moved is not None:
+                self.elasticity.add_node_gradient(moved, reduced.density, adjoint.pairs)
                 by_nodes, by_centers = self._by_nodes(moved, reduced, adjoint)
             learnt = {
                 "iterations": adjoint.iterations,
@@ -490,12 +490,13 @@ class FlexibleBody:
         adjoint, iterations = self.reduction.pullback(factored, basis, shapes_bar)
         seconds = perf_counter() - start
         assert of_integrals.pairs is not None
-        _, y, _, kappa = of_integrals.pairs
-        kappa += adjoint
-        y[:, 1 + basis.n_constraint : -1] -= basis.eigenvalues * adjoint[:, basis.n_constraint :]
-        pairs = zip(*(share.pairs for share in shares if share.pairs is not None), strict=True)
-        w, y, phi, kappa = map(np.hstack, pairs)
-        return _Adjoint((w, y, phi, kappa), bar, shares, adjoint, direct, iterations, seconds)
+        of_integrals.pairs.kappa[:] += adjoint
+        of_integrals.pairs.y[:, 1 + basis.n_constraint : -1] -= (
+            basis.eigenvalues * adjoint[:, basis.n_constraint :]
+        )
+        pairs_of_shares = [share.pairs for share in shares if share.pairs is not None]
+        pairs = FieldPairs(*map(np.hstack, zip(*pairs_of_shares, strict=True)))
+        return _Adjoint(pairs, bar, shares, adjoint, direct, iterations, seconds)
 
     def struts(self, reduced: ReducedBody, bar: VolumeIntegrals) -> Struts:
         """What struts of a ``reduced`` body carry, others would, and holes change.

@@ -47,7 +47,7 @@ from dolfinx import fem
 
 from ..arrays import symmetric
 from ..body import LOADS, VolumeIntegrals
-from ..fem import Array, Block, add_ghosts
+from ..fem import Array, Block, FieldPairs, add_ghosts
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .factored_body import FactoredBody
 from .krylov import projected
@@ -164,7 +164,8 @@ class GeometricStiffening:
         inertia = self._load_fields()
         loads[:, : inertia.shape[1]] = inertia
         adjoints = self._static(factored, basis, forces)
-        shapes_and_pairs = ShapesBar(shapes_bar, pairs=(loads, adjoints, displacements, -adjoints))
+        pairs = FieldPairs(loads, adjoints, displacements, -adjoints)
+        shapes_and_pairs = ShapesBar(shapes_bar, pairs=pairs)
         if nodes is not None:
             reference = self._reference(factored, adjoints[:, : inertia.shape[1]])
             lifted, z = self._lifted(factored, basis, forces, displacements, adjoints)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..arrays import symmetric
 from ..body import BodyMarker, VolumeIntegrals
-from ..fem import Array, Block, Elasticity, Matrices, rotated
+from ..fem import Array, Block, Elasticity, FieldPairs, Matrices, rotated
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .krylov import projected
 from .point_marker import PointMarker
@@ -120,7 +120,8 @@ def volume_integrals_pullback(
     for name, marker in markers.items():
         marker_bar = bar.markers[name]
         shapes += marker.pullback(marker_bar.displacement, marker_bar.rotation)
-    return ShapesBar(shapes, pairs=(w, y, basis.shapes, kappa), reference=fields_bar[:, 0])
+    pairs = FieldPairs(w, y, basis.shapes, kappa)
+    return ShapesBar(shapes, pairs=pairs, reference=fields_bar[:, 0])
 
 
 def _moments_pullback(fields: Block, bar: VolumeIntegrals) -> Block:

@@ -9,11 +9,16 @@ on whose ranks they are. Between them displacements are linear along each axis, 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
 from petsc4py import PETSc
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
 
 from ..arrays import Array, Integers, Mask
 from ..fem import Elasticity
@@ -54,21 +59,18 @@ def interpolations(elasticity: Elasticity, clamped: Mask) -> list[PETSc.Mat] | N
         coarse_planes = [
             _halved(len(p)) if h else np.arange(len(p)) for p, h in zip(planes, halved, strict=True)
         ]
-        shape = tuple(map(len, coarse_planes))
         # number in the coarse lattice of each plane of the finer one, or -1
         numbers = [np.full(len(p), -1) for p in planes]
         for number, k in zip(numbers, coarse_planes, strict=True):
             number[k] = np.arange(len(k))
         coarse = np.column_stack([n[p] for n, p in zip(numbers, places.T, strict=True)])
         coarse = coarse[free & np.all(coarse >= 0, axis=1)]
-        # where each node of the coarse lattice stands among the rows; -1 where it is clamped
-        rows = np.full(math.prod(shape), -1, dtype=np.int64)
-        of_ranks = comm.allgather(np.ravel_multi_index(tuple(coarse.T), shape))
-        order = np.concatenate(of_ranks)
-        rows[order] = np.arange(len(order))
-        matrices.append(
-            _interpolation(elasticity, (planes, coarse_planes), places, free, rows, len(coarse))
-        )
+        whole = reduce(sparse.kron, map(_along_axis, planes, coarse_planes)).tocsr()
+        # the coarse lattice in the order of the ranks, without what is clamped
+        columns = comm.allgather(_number_in_lattice(coarse, coarse_planes))
+        rows = _number_in_lattice(places, planes)
+        interpolation = sparse.diags(free.astype(float)) @ whole[rows][:, np.concatenate(columns)]
+        matrices.append(_for_displacements(elasticity, interpolation, len(coarse)))
         places, planes = coarse, [p[k] for p, k in zip(planes, coarse_planes, strict=True)]
         free = np.ones(len(places), dtype=bool)
 
@@ -103,43 +105,35 @@ def _halved(number: int) -> Integers:
     return np.union1d(np.arange(0, number, 2), [number - 1])
 
 
-def _interpolation(
-    elasticity: Elasticity,
-    lattice: tuple[list[Array], list[Integers]],
-    places: Integers,
-    free: Mask,
-    rows: Integers,
-    n_coarse: int,
-) -> PETSc.Mat:
-    """Displacements at ``places`` of a lattice from those at the rows of the coarser one.
+def _number_in_lattice(places: Integers, planes: Sequence[NDArray[Any]]) -> Integers:
+    return np.ravel_multi_index(tuple(places.T), tuple(map(len, planes)))
 
-    The ``lattice`` has all planes and the coarse ones; this rank has ``n_coarse`` coarse nodes.
-    """
-    d, (planes, coarse_planes) = elasticity.dimension, lattice
-    shape = tuple(map(len, coarse_planes))
-    numbers, weights = np.zeros((len(places), 1), dtype=np.int64), np.ones((len(places), 1))
-    for axis, (x, k) in enumerate(zip(planes, coarse_planes, strict=True)):
-        place = places[:, axis]
-        right = np.clip(np.searchsorted(k, place), 1, len(k) - 1)
-        low, high = x[k[right - 1]], x[k[right]]
-        share = (x[place] - low) / (high - low)
-        neighbours, shares = (
-            np.stack([right - 1, right], axis=1),
-            np.stack([1.0 - share, share], axis=1),
-        )
-        numbers = (numbers[:, :, None] * shape[axis] + neighbours[:, None]).reshape(len(places), -1)
-        weights = (weights[:, :, None] * shares[:, None]).reshape(len(places), -1)
-    columns = rows[numbers]
-    used = free[:, None] & (columns >= 0) & (weights > 0.0)
-    # each node's row stands d times in turn, one time for each displacement
-    ends = np.cumsum(np.repeat(np.count_nonzero(used, axis=1), d))
-    columns = (d * columns[:, None] + np.arange(d)[:, None])[np.repeat(used[:, None], d, axis=1)]
+
+def _along_axis(x: Array, coarse: Integers) -> sparse.csr_matrix:
+    """From values on the ``coarse`` ones of planes at ``x`` to those on all, linear between."""
+    plane = np.arange(len(x))
+    right = np.clip(np.searchsorted(coarse, plane), 1, len(coarse) - 1)
+    low, high = x[coarse[right - 1]], x[coarse[right]]
+    share = (x - low) / (high - low)
+    weights = np.concatenate([1.0 - share, share])
+    places = np.tile(plane, 2), np.concatenate([right - 1, right])
+    return sparse.csr_matrix((weights, places), shape=(len(x), len(coarse)))
+
+
+def _for_displacements(
+    elasticity: Elasticity, interpolation: sparse.csr_matrix, n_coarse: int
+) -> PETSc.Mat:
+    """The same for each component of displacements; this rank has ``n_coarse`` coarse nodes."""
+    d = elasticity.dimension
+    entries = sparse.kron(interpolation, sparse.identity(d)).tocsr()
+    entries.eliminate_zeros()
+    entries.sort_indices()
     matrix = PETSc.Mat().createAIJ(
-        ((d * len(places), PETSc.DETERMINE), (d * n_coarse, PETSc.DETERMINE)),
+        ((entries.shape[0], PETSc.DETERMINE), (d * n_coarse, PETSc.DETERMINE)),
         csr=(
-            np.concatenate([[0], ends]).astype(PETSc.IntType),
-            columns.astype(PETSc.IntType),
-            np.repeat(weights[:, None], d, axis=1)[np.repeat(used[:, None], d, axis=1)],
+            entries.indptr.astype(PETSc.IntType),
+            entries.indices.astype(PETSc.IntType),
+            entries.data,
         ),
         comm=elasticity.comm,
     )

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array, symmetric
-from ..fem import Block, rotated
+from ..fem import Block, FieldPairs, rotated
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .factored_body import FactoredBody
 
@@ -59,8 +59,8 @@ def static_correction_pullback(
     K = np.zeros((r, r))
     K[k:, k:] = symmetric(modal_bar @ modal.T)
     reference = reduction.reference_pullback(fields_bar[:, elasticity.dimension : n_rigid])
-    shapes_and_pairs = ShapesBar(shapes, K, (fields, -partners, static, -adjoint), reference)
-    return shapes_and_pairs, static - basis.normal @ modal
+    pairs = FieldPairs(fields, -partners, static, -adjoint)
+    return ShapesBar(shapes, K, pairs, reference), static - basis.normal @ modal
 
 
 def _inertia_fields(reduction: CraigBampton, basis: ReducedBasis) -> Block:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers
-from ..fem import Block, Elasticity, Matrices
+from ..fem import Block, Elasticity, FieldPairs, Matrices
 from .craig_bampton import ReducedBasis
 
 #: Energy that a hole in a plate takes away, in energies of the material there: exact for Poisson's
@@ -27,8 +27,7 @@ class Struts:
     Args:
         elasticity: Of the body.
         matrices: At full density.
-        pairs: Psi changes by sum_a m(w_a, y_a) + sum_i k(phi_i, kappa_i), as
-            `Elasticity.density_gradient` takes them.
+        pairs: Fields by which psi changes.
         basis: The shape functions.
     """
 
@@ -36,7 +35,7 @@ class Struts:
         self,
         elasticity: Elasticity,
         matrices: Matrices,
-        pairs: tuple[Block, Block, Block, Block],
+        pairs: FieldPairs,
         basis: ReducedBasis,
     ) -> None:
         self._elasticity, self._pairs = elasticity, pairs
@@ -48,9 +47,8 @@ class Struts:
     @cached_property
     def carried(self) -> Array:
         """By how much the stiffness of each cell of this rank lowers psi, shape (cells,)."""
-        _, _, phi, kappa = self._pairs
-        none = np.zeros_like(phi)
-        return -self._elasticity.density_gradient(self._density, none, none, phi, kappa)
+        pairs = FieldPairs.in_stiffness(self._pairs.phi, self._pairs.kappa)
+        return -self._elasticity.density_gradient(self._density, pairs)
 
     @cached_property
     def removed(self) -> Array:
@@ -60,8 +58,8 @@ class Struts:
         Poisson's ratio in `_HOLE`.
         """
         w, y, phi, kappa = self._pairs
-        none = np.zeros_like(w)
-        mass = self._elasticity.density_gradient(self._density, w, y, none, none)
+        pairs = FieldPairs.in_mass(w, y)
+        mass = self._elasticity.density_gradient(self._density, pairs)
         works = self._elasticity.apply(self._matrices.stiffness, kappa)
         total = float(np.sum(np.diag(self._elasticity.inner(phi, works))))
         # as if stiffness were proportional to density

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,6 +16,7 @@ from mpi4py import MPI
 
 from .. import plotting, validation
 from ..dynamics import SimulationError
+from ..files import file_names
 from ..io import write_density, write_summary
 from ..objective import JointForce
 from ..optimization import Result, default_steps
@@ -62,8 +62,6 @@ def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = F
             _say(f"interrupted; to go on: dolfinx_ffr design {file}{elsewhere} --resume")
             return code
         verification = result.finish(folder)
-        _say("drawing")
-        _draw(result, folder)
         record = run_record(
             result,
             title=scene.title,
@@ -72,12 +70,15 @@ def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = F
             warnings=warning_entries,
             references=(full := _full(result)),
         )
+        _say("drawing")
+        unit = record["objective"]["unit"]
+        _draw(result, folder, unit)
     write_summary(COMM, folder / "summary.json", record)
     report = write_report(COMM, folder)
     share = f", {result.psi / full['full']:.1%} of the full bodies'" if full.get("full") else ""
     ended = "" if result.reason == "iterations" else f" ({result.reason})"
     count = f"{result.iterations} iterations{ended}"
-    _say(f"psi = {result.psi:.6g} {_unit(result)} after {count}{share}")
+    _say(f"psi = {result.psi:.6g} {unit} after {count}{share}")
     _say(record["bound"]["text"])
     if verification is None:
         raise SceneError(f"{file}: the design encloses no part; {report} says what was found")
@@ -169,17 +170,16 @@ def _say(*words: object, sep: str = " ") -> None:
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
     """Context in which warnings are lines without a place in the code, of rank 0 alone."""
-    usual = warnings.showwarning
+    usual = warnings.formatwarning
 
-    def plain(message: Warning | str, *_: Any, **__: Any) -> None:
-        if COMM.rank == 0:
-            print(f"warning: {message}", file=sys.stderr, flush=True)
+    def plain(message: Warning | str, *_: Any, **__: Any) -> str:
+        return f"warning: {message}\n" if COMM.rank == 0 else ""
 
-    warnings.showwarning = plain
+    warnings.formatwarning = plain
     try:
         yield
     finally:
-        warnings.showwarning = usual
+        warnings.formatwarning = usual
 
 
 def _sizes(problem: Problem) -> str:
@@ -204,22 +204,18 @@ def _first(problem: Problem, evaluation: Evaluation) -> tuple[Problem, Evaluatio
     return problem.alone(name), evaluation.alone(name)
 
 
-def _draw(result: Result, folder: Path) -> None:
+def _draw(result: Result, folder: Path, unit: str) -> None:
     """Draw densities, history, scene and film."""
-    only_one = len(result.densities) == 1
+    files = file_names(result.densities)
     for name, x in result.densities.items():
-        domain, file = result.problem.flexible[name].domain, "design" if only_one else name
-        write_density(domain, x, folder / f"{file}.xdmf")
-        plotting.plot_design(domain, x, folder / f"{file}.png", title=name)
-    plotting.plot_history(result.history, folder / "history.png", psi_unit=_unit(result))
+        file = folder / (files[name] if len(files) > 1 else "design")
+        domain = result.problem.flexible[name].domain
+        write_density(domain, x, file.with_name(f"{file.name}.xdmf"))
+        plotting.plot_design(domain, x, file.with_name(f"{file.name}.png"), title=name)
+    plotting.plot_history(result.history, folder / "history.png", psi_unit=unit)
     first_case = _first(*result.final)
     plotting.plot_scene(*first_case, folder / "scene.png")
     plotting.animate_motion(*first_case, folder / "motion.gif")
-
-
-def _unit(result: Result) -> str:
-    """That of psi."""
-    return next(iter(result.problem.load_cases.values())).objective.unit
 
 
 def _full(result: Result) -> dict[str, float]:
