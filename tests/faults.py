@@ -64,7 +64,7 @@ optimization/level_set_evolution.py | size=SHRINK * state.size | size=state.size
 optimization/moving_asymptotes.py | -lagrangian * up | lagrangian * up | optimization/test_moving_asymptotes.py
 optimization/moving_asymptotes.py | 0.25 * curvature * reach - 0.5 * np.abs(gradients) | 0.25 * curvature * reach | optimization/test_moving_asymptotes.py optimization/test_mma.py
 part/export.py | (scale * v for v in | (v for v in | part/test_export.py
-part/part.py | before[:, 0] * after[:, 1] - | before[:, 0] * after[:, 1] + | part/test_part.py part/test_asked_sizes.py
+part/part.py | bent = (angle < 0.0) | bent = (angle > 0.0) | part/test_part.py part/test_asked_sizes.py
 part/solid.py | (a + b + c) / 4.0 | (a + b + c) / 3.0 | part/test_solid.py
 problem/bodies.py | gradient + bars.densities[name] | gradient | objective/test_density_objectives.py
 problem/load_cases.py | sum(scaled[1:], scaled[0]) | sum(scaled[2:], scaled[0]) | test_several_load_cases.py

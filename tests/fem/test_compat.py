@@ -101,3 +101,12 @@ def test_geometry_is_that_of_the_cells(cell: str) -> None:
     assert _compat.coordinate_element(domain).degree == 1
     space = _compat.function_space(domain, "Lagrange", 2, (2,))
     assert _compat.dofmap_array(space).shape == (1, {3: 6, 4: 9}[nodes])
+
+
+@pytest.mark.mpi
+def test_densities_are_numbered_as_cells(comm: MPI.Intracomm) -> None:
+    """Ghosts included: a field of one density a cell needs no map."""
+    domain = dolfinx_ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(12, 3))
+    cells = domain.mesh.topology.index_map(2)
+    dofs = _compat.dofmap_array(domain.density_space).ravel()
+    assert np.array_equal(dofs, np.arange(cells.size_local + cells.num_ghosts))

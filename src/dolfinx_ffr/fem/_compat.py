@@ -65,17 +65,16 @@ def quadrature_space(domain: mesh.Mesh, degree: int) -> Any:
     return make_space(domain, element)
 
 
-def tabulate(element: Any, domain: mesh.Mesh, points: Array) -> Array:
-    """Values of a Lagrange element's scalar shape functions, shape (points, functions)."""
+def geometry_element(domain: mesh.Mesh) -> Any:
+    """Basix's element of the shape functions by which the mesh has its positions."""
     import basix
 
-    kind = getattr(basix.CellType, cell_name(domain))
-    variant = getattr(element, "variant", None)
-    variant = basix.LagrangeVariant(int(variant)) if variant is not None else None
-    if variant is None or variant == basix.LagrangeVariant.unset:
+    element = coordinate_element(domain)
+    variant = basix.LagrangeVariant(int(getattr(element, "variant", 0)))
+    if variant == basix.LagrangeVariant.unset:
         variant = basix.LagrangeVariant.equispaced
-    lagrange = basix.create_element(basix.ElementFamily.P, kind, element.degree, variant)
-    return np.asarray(lagrange.tabulate(0, points)).reshape(len(points), -1)
+    kind = getattr(basix.CellType, cell_name(domain))
+    return basix.create_element(basix.ElementFamily.P, kind, element.degree, variant)
 
 
 def cell_name(domain: mesh.Mesh) -> str:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
@@ -46,14 +46,20 @@ from .mesh_file import GroupedMesh, read_gmsh, read_gmsh_model
 from .outline import Sheet, mesh_outline
 from .rod import rod_mesh
 
-#: Densities that leave [0, 1] by less count as 0 or 1
-_ROUND_OFF = 1e-14
-#: Share of the width of a rim by which a vertex on its edge may be off
-_ON = 1e-4
-#: Distance of points that are on a hole, in sizes of the body
-_ON_HOLE = 1e-6
 #: Cells of bodies in the plane and in space
 CELLS = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
+
+
+@dataclass(frozen=True)
+class DomainOptions:
+    """Accuracy of densities, rims and holes."""
+
+    round_off: float = 1e-14  #: Densities that leave [0, 1] by less count as 0 or 1
+    on_rim: float = 1e-4  #: Share of the width of a rim by which a vertex on its edge may be off
+    on_hole: float = 1e-6  #: Distance of points that are on a hole, in sizes of the body
+
+
+DOMAIN = DomainOptions()
 
 
 class Domain:
@@ -126,9 +132,6 @@ class Domain:
         cells = domain.topology.index_map(dim)
         #: Cells owned by this rank, cells on all ranks
         self.n_cells, self.n_cells_global = int(cells.size_local), int(cells.size_global)
-        dofs = _compat.dofmap_array(self.density_space).ravel()
-        if not np.array_equal(dofs, np.arange(cells.size_local + cells.num_ghosts)):
-            raise RuntimeError("domain: this DOLFINx release numbers DG0 dofs otherwise than cells")
         check_cells(domain)
         #: Interfaces by name
         self.interfaces: dict[str, Interface] = find_interfaces(
@@ -503,12 +506,6 @@ class Domain:
 
     def on_rank_0(self, values: NDArray[Any]) -> NDArray[Any]:
         """The ``values`` of the cells as of `everywhere`, but on rank 0 alone; none elsewhere."""
-        with on_every_rank(self.comm, "gathering values"):
-            if len(values) != self.n_cells:
-                raise ValueError(
-                    f"gathering: {len(values)} values on rank {self.comm.rank}, which owns "
-                    f"{self.n_cells} cells; give one for each"
-                )
         order, sent = self._order[0], self.comm.gather(values)
         return values[:0] if sent is None else np.concatenate(sent)[order]
 
@@ -574,7 +571,7 @@ class Domain:
             raise ValueError(f"{name}: {bad} of {self.n_cells_global} values are NaN or infinite")
         low = self.comm.allreduce(float(np.min(array, initial=np.inf)), MPI.MIN)
         high = self.comm.allreduce(float(np.max(array, initial=-np.inf)), MPI.MAX)
-        if low < -_ROUND_OFF or high > 1.0 + _ROUND_OFF:
+        if low < -DOMAIN.round_off or high > 1.0 + DOMAIN.round_off:
             raise ValueError(
                 f"{name}: values from {low:.6g} to {high:.6g} leave [0, 1]; clip them first"
             )
@@ -616,7 +613,7 @@ class Domain:
     def on_hole(self, name: str) -> bool:
         """Whether the interface ``name`` lies on a hole of the body's drawing."""
         points = facet_points(self.mesh, self.interfaces[name].facets)
-        tolerance = _ON_HOLE * float(np.max(np.ptp(self.bounding_box, axis=0)))
+        tolerance = DOMAIN.on_hole * float(np.max(np.ptp(self.bounding_box, axis=0)))
         return any(np.max(hole.distance(points)) < tolerance for hole in self.holes)
 
     def _rim(self, width: float) -> Mask:
@@ -634,7 +631,7 @@ class Domain:
         points_of_rank = np.concatenate([facet_corners.reshape(-1, d) for facet_corners in points])
         distance = cKDTree(np.vstack(self.comm.allgather(points_of_rank))).query(x)[0]
         corners = _compat.cell_geometry(self.mesh)[: self.n_cells]
-        return np.asarray(np.any(distance[corners] < (1.0 - _ON) * width, axis=1))
+        return np.asarray(np.any(distance[corners] < (1.0 - DOMAIN.on_rim) * width, axis=1))
 
     def _with_ghosts(self, cells: Mask) -> Mask:
         """A mask over this rank's cells, extended to ghosts."""

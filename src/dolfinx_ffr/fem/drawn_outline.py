@@ -16,12 +16,20 @@ from ..arrays import Array
 from . import _compat
 from .mesh_checks import facet_nodes, vertex_nodes
 
-#: Sides of the mesh that turn by less are those of a curve: a regular decagon is a circle, an
-#: octagon is an octagon [rad]
-CURVED = 0.65
-#: How often each side of a curve is halved, its middle on the curve: chords are then 64 times
-#: nearer to it
-_HALVINGS = 3
+
+@dataclass(frozen=True)
+class CurveOptions:
+    """What is a curve in a mesh with straight sides."""
+
+    #: Sides of the mesh that turn by less are those of a curve: a regular decagon is a circle, an
+    #: octagon is an octagon [rad]
+    turn: float = 0.65
+    #: How often each side of a curve is halved, its middle on the curve: chords are then 64 times
+    #: nearer to it
+    halvings: int = 3
+
+
+CURVES = CurveOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +103,12 @@ def _on_curves(ring: shapely.LinearRing) -> Array:
     times the tangent of a quarter of that angle away from the chord.
     """
     points = shapely.get_coordinates(ring)[:-1]
-    for _ in range(_HALVINGS):
+    for _ in range(CURVES.halvings):
         chord = np.roll(points, -1, axis=0) - points
         previous_chord = np.roll(chord, 1, axis=0)
         cross = previous_chord[:, 0] * chord[:, 1] - previous_chord[:, 1] * chord[:, 0]
         turn = np.arctan2(cross, np.einsum("ij,ij->i", previous_chord, chord))
-        turn[np.abs(turn) > CURVED] = 0.0
+        turn[np.abs(turn) > CURVES.turn] = 0.0
         bulge = 0.5 * np.tan(0.125 * (turn + np.roll(turn, -1)))
         right = np.column_stack([chord[:, 1], -chord[:, 0]])
         middles = points + 0.5 * chord + bulge[:, None] * right

@@ -41,12 +41,22 @@ from .nodes import MeshNodes, add_ghosts
 Block = Array
 #: Fields on the nodes of each cell, shape (cells, nodes, dimension, columns)
 CellFields = Array
-#: Rows of blocks that are multiplied at a time, and cells
-ROWS, CELLS = 4096, 2048
-#: Difference of matrices of cells, relative to their entries, that is round-off of positions
-ALIKE = 1e-11
-#: Thickness over the extent of a body in its plane that is no slip, in plane stress and strain
-THICKEST_STRESS, THICKEST_STRAIN = 10.0, 1000.0
+
+
+@dataclass(frozen=True)
+class ElasticityOptions:
+    """Sizes of blocks of arithmetic, and what is round-off or a slip."""
+
+    rows: int = 4096  #: Of blocks that are multiplied at a time
+    cells: int = 2048  #: Whose fields are multiplied at a time
+    #: Difference of matrices of cells, relative to their entries, that is round-off of positions
+    alike: float = 1e-11
+    #: Thickness over the extent of a body in its plane that is no slip, in plane stress
+    thickest_stress: float = 10.0
+    thickest_strain: float = 1000.0  #: The same in plane strain
+
+
+ELASTICITY = ElasticityOptions()
 
 
 class FieldPairs(NamedTuple):
@@ -254,7 +264,10 @@ class Elasticity:
         return total
 
     def add_node_gradient(self, nodes: Array, x: Array, pairs: FieldPairs) -> None:
-        """Add the derivative of the same by the nodes of the mesh to ``nodes`` of `MeshNodes`."""
+        """Add the derivative of the same sum by the nodes to ``nodes``, from `MeshNodes.zeros`.
+
+        At the density ``x`` (cells,) and fixed values of the ``pairs`` at the nodes.
+        """
         self.set_density(x)
         for a in range(max(pairs.w.shape[1], pairs.phi.shape[1])):
             for function, block in zip(self._fields, pairs, strict=True):
@@ -290,7 +303,9 @@ class Elasticity:
                 values = np.zeros(len(function.x.array))
                 fem.assemble_vector(values, form)
                 row = values[self._cell_dofs[:, ::step]]
-                equal = len(row) and np.ptp(row, axis=0).max() <= ALIKE * np.abs(row).max()
+                equal = (
+                    len(row) and np.ptp(row, axis=0).max() <= ELASTICITY.alike * np.abs(row).max()
+                )
                 rows.append(row[:1] if equal else row)
             matrices = np.stack(np.broadcast_arrays(*rows), axis=1)
             shape = self.domain.n_cells, *matrices.shape[1:]
@@ -308,7 +323,9 @@ class Elasticity:
             return
         nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
         a, b = self._by_nodes(a), self._by_nodes(b)
-        for chunk in (slice(i, i + CELLS) for i in range(0, len(nodes), CELLS)):
+        for chunk in (
+            slice(i, i + ELASTICITY.cells) for i in range(0, len(nodes), ELASTICITY.cells)
+        ):
             left_values, right = (
                 k[nodes[chunk]].reshape(len(nodes[chunk]), size, -1) for k in (a, b)
             )
@@ -445,8 +462,8 @@ class Elasticity:
         """a^T b, shape (columns of a, columns of b), bit-identical on every rank."""
         # by slices that stay in the cache: for many rows of few columns BLAS takes twice as long
         total = np.zeros((a.shape[1], b.shape[1]))
-        for begin in range(0, len(a), ROWS):
-            rows = slice(begin, begin + ROWS)
+        for begin in range(0, len(a), ELASTICITY.rows):
+            rows = slice(begin, begin + ELASTICITY.rows)
             total += a[rows].T @ b[rows]
         return self.sum(total)
 
@@ -543,7 +560,9 @@ def warn_of_thickness(domain: Domain, material: ElasticMaterial) -> None:
         return
     extent = float(np.max(np.ptp(domain.bounding_box, axis=0)))
     # in plane strain a part may be long, and of unit thickness
-    thickest = THICKEST_STRESS if material.out_of_plane == 0.0 else THICKEST_STRAIN
+    thickest = (
+        ELASTICITY.thickest_stress if material.out_of_plane == 0.0 else ELASTICITY.thickest_strain
+    )
     if thickness > thickest * extent and not (material.out_of_plane and thickness == 1.0):
         warnings.warn(
             f"body: the thickness {thickness:g} m of {name} is {thickness / extent:.3g} times the "

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers, Mask
 from ..parallel import on_rank_0
-from .drawn_outline import CURVED, FlatHole, boundary_corners, flat_holes
+from .drawn_outline import CURVES, FlatHole, boundary_corners, flat_holes
 from .interface import fit_cylinder
 from .mesh_arrays import numbered
 from .mesh_checks import connected
@@ -112,13 +112,16 @@ class _Surface:
         first, number = numbered(flat)
         triangles = number.reshape(-1, 3)
 
+        # edges that come twice in lexical order are those of two triangles
         edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
         order = np.lexsort((edges[:, 1], edges[:, 0]))
-        triangle = np.repeat(np.arange(len(triangles)), 3)[order]
-        shared = np.flatnonzero(np.all(edges[order[1:]] == edges[order[:-1]], axis=1))
-        pairs = np.column_stack([triangle[shared], triangle[shared + 1]])
-        nodes, ends = flat[first], edges[order[shared]]
-        lengths = np.linalg.norm(nodes[ends[:, 0]] - nodes[ends[:, 1]], axis=1)
+        edges = edges[order]
+        triangle_of_edge = np.repeat(np.arange(len(triangles)), 3)[order]
+        is_shared = np.all(edges[1:] == edges[:-1], axis=1)
+        pairs = np.column_stack([triangle_of_edge[:-1][is_shared], triangle_of_edge[1:][is_shared]])
+        nodes = flat[first]
+        start, end = nodes[edges[:-1][is_shared]].swapaxes(0, 1)
+        lengths = np.linalg.norm(start - end, axis=1)
         return _Surface(nodes, triangles, outward, pairs, lengths)
 
     @cached_property
@@ -164,7 +167,7 @@ class _Surface:
         rise = np.einsum("pi,pi->p", self.middles[other] - self.middles[one], self.outward[one])
         inward = np.where(rise > 0.0, self.turns, -self.turns)
         # a coarse round wall has some convex edges, between triangles that bend inward on the whole
-        smooth = self.turns < CURVED
+        smooth = self.turns < CURVES.turn
         bend = (inward * self.lengths * smooth)[:, None] * np.ones(2)
         total = np.bincount(self.pairs.ravel(), bend.ravel(), minlength=len(self.triangles))
         inward_on_the_whole = np.all(total[self.pairs] > 0.0, axis=1)
@@ -175,7 +178,7 @@ class _Surface:
             normals = self.outward[hollow]
             farthest = normals[np.argmin(normals @ normals[0])]
             # a coarse mesh of an outer curve has concave edges, too
-            if np.min(normals @ farthest) < np.cos(CURVED):
+            if np.min(normals @ farthest) < np.cos(CURVES.turn):
                 yield hollow
 
     def _axes(self, hollows: list[Integers]) -> list[Array]:
@@ -252,7 +255,7 @@ class _Surface:
         chosen = np.zeros(len(self.triangles), dtype=bool)
         chosen[walls] = True
         points, middles, normals, radii = [], [], [], []
-        for patch in self._connected(chosen, CURVED):
+        for patch in self._connected(chosen, CURVES.turn):
             on_patch, middle = self._points(patch, spacing), self.middles[patch]
             outward, radius = self.outward[patch], self._radius(patch)
             cylinder = self._cylinder(patch)

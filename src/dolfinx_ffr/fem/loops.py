@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -17,13 +17,21 @@ from .interface import Bore
 from .mesh_checks import connected
 from .plane_mesh import Drawing, Face, face_polygon, walked
 
-#: Ends nearer to each other than this are one, in units of the drawing's extent
-JOINED = 1e-6
-#: Accuracy of the polygons by which crossings are found, and the largest distance between loose
-#: ends that are joined if no other is given, in units of the drawing's extent
-_FINE = 1e-4
-#: Bores that a message lists
-_LISTED = 8
+
+@dataclass(frozen=True)
+class DrawingOptions:
+    """How nearly the curves of a drawing meet, and what is refused."""
+
+    joined: float = 1e-6  #: Ends nearer to each other than this are one, in extents of the drawing
+    #: Accuracy of the polygons by which crossings are found, and the largest distance between loose
+    #: ends that are joined if no other is given, in extents of the drawing
+    fine: float = 1e-4
+    listed: int = 8  #: Bores that a message lists
+    farthest: float = 1e6  #: No coordinate of a body is farther away [m]
+    thinnest_rim: float = 0.5  #: Least width of a rim, in sizes of triangles
+
+
+DRAWING = DrawingOptions()
 
 
 def closed_outline(
@@ -67,7 +75,7 @@ def _drawing(
         extent = float(
             np.max(np.ptp(samples([drawn_curve.curve for drawn_curve in drawn]), axis=0))
         )
-    tolerance, fine = JOINED * extent, _FINE * extent
+    tolerance, fine = DRAWING.joined * extent, DRAWING.fine * extent
     long_enough = [drawn_curve for drawn_curve in drawn if drawn_curve.curve.length > tolerance]
     if not long_enough:
         raise ValueError(f"{source}: it holds no curve that has a length")
@@ -163,8 +171,10 @@ def _bore(
     point = shapely.Point(*bore.at)
     around = [(shape.area, loop) for shape, loop in holes if shape.contains(point)]
     if not around:
-        middles = [_point(np.array(shape.centroid.coords[0])) for shape, _ in holes[:_LISTED]]
-        ellipsis = ", ..." if len(holes) > _LISTED else ""
+        middles = [
+            _point(np.array(shape.centroid.coords[0])) for shape, _ in holes[: DRAWING.listed]
+        ]
+        ellipsis = ", ..." if len(holes) > DRAWING.listed else ""
         raise ValueError(
             f"{source}: interface {name!r}: the point {_point(np.array(bore.at))} lies in no bore; "
             f"its bores have their middles at {', '.join(middles) or 'no place'}{ellipsis}"
@@ -196,10 +206,12 @@ def _joined(curves: Sequence[Curve], tolerance: float) -> tuple[list[Curve], lis
     """The curves with common ends, and the numbers of the ends."""
     ends = np.array([end for curve in curves for end in (curve.start, curve.end)])
     pairs = cKDTree(ends).query_pairs(tolerance, output_type="ndarray").reshape(-1, 2)
-    label = connected(pairs, len(ends))
-    positions = ends[np.unique(label, return_index=True)[1]]
-    nodes = [(a, b) for a, b in label.reshape(-1, 2).tolist()]
-    moved = [c.moved(*positions[[*ns]]) for c, ns in zip(curves, nodes, strict=True)]
+    node_of_end = connected(pairs, len(ends))
+    positions = ends[np.unique(node_of_end, return_index=True)[1]]
+    nodes = [(a, b) for a, b in node_of_end.reshape(-1, 2).tolist()]
+    moved = [
+        curve.moved(positions[a], positions[b]) for curve, (a, b) in zip(curves, nodes, strict=True)
+    ]
     return moved, nodes
 
 

@@ -68,10 +68,11 @@ def _rows_among(rows: Integers, chosen: Integers) -> NDArray[np.int32]:
     """The places of rows that hold the same numbers, in any order, as one of the ``chosen``."""
     rows, chosen = np.sort(rows, axis=1), np.sort(chosen, axis=1)
     candidates = np.flatnonzero(np.isin(rows[:, 0], chosen[:, 0]))
-    both = np.vstack([rows[candidates], chosen])
-    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
-    of_candidates, of_chosen = np.split(number, [len(candidates)])
-    return candidates[np.isin(of_candidates, of_chosen)].astype(np.int32)
+    candidates_and_chosen = np.vstack([rows[candidates], chosen])
+    number = np.unique(candidates_and_chosen, axis=0, return_inverse=True)[1].ravel()
+    number_of_candidate, number_of_chosen = np.split(number, [len(candidates)])
+    matches = np.isin(number_of_candidate, number_of_chosen)
+    return candidates[matches].astype(np.int32)
 
 
 def numbered(points: Array) -> tuple[Integers, Integers]:

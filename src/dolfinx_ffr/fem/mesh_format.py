@@ -16,16 +16,11 @@ import struct
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 #: First line of a mesh in the formats 2 and 4 of gmsh
 _HEAD = b"$MeshFormat"
-#: Bytes of a line that are looked at; the lines that are read here are far shorter
-_LINE = 1000
-#: Characters of a foreign line that a message shows
-_SHOWN = 40
-#: A node or an element takes at least so many bytes of a file, "1 1" and the end of the line
-_LEAST_BYTES = 4
 #: Heads of sections whose first line counts what follows; without "^", which would be slow
 _COUNTED = re.compile(rb"\n\$(Nodes|ParametricNodes|Elements)[ \t\r]*\n")
 #: First bytes of files that people take for meshes, and what to do with each
@@ -41,6 +36,21 @@ _OTHERS = {
 }
 
 
+@dataclass(frozen=True)
+class FormatOptions:
+    """What of a file is looked at, and what it can hold."""
+
+    line: int = (
+        1000  #: Bytes of a line that are looked at; those that are read here are far shorter
+    )
+    shown: int = 40  #: Characters of a foreign line that a message shows
+    #: A node or an element takes at least so many bytes of a file, "1 1" and the end of the line
+    least_bytes: int = 4
+
+
+FORMAT = FormatOptions()
+
+
 @contextmanager
 def private_copy(path: Path) -> Iterator[Path]:
     """Copy a mesh into a folder of this user alone, as long as the context lasts.
@@ -51,7 +61,7 @@ def private_copy(path: Path) -> Iterator[Path]:
         copy = Path(folder) / "mesh.msh"
         shutil.copyfile(path, copy)
         with open(copy, "rb") as file:
-            head, second = file.readline(_LINE), file.readline(_LINE)
+            head, second = file.readline(FORMAT.line), file.readline(FORMAT.line)
             _check_head(head, second, path)
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
                 _check_counts(content, second, path)
@@ -66,7 +76,7 @@ def _check_head(head_line: bytes, second: bytes, path: Path) -> None:
                 raise ValueError(f"{path} is not a mesh of gmsh: it is {description}")
         if not head_line:
             raise ValueError(f"{path} is not a mesh of gmsh: it is empty")
-        line = head_line[:_SHOWN].decode("utf-8", "replace").rstrip("\r\n")
+        line = head_line[: FORMAT.shown].decode("utf-8", "replace").rstrip("\r\n")
         raise ValueError(
             f"{path} is not a mesh of gmsh: it begins with {line!r} instead of $MeshFormat. gmsh "
             "would execute such a file as a program (.geo), so it is not read; if you trust "
@@ -74,7 +84,7 @@ def _check_head(head_line: bytes, second: bytes, path: Path) -> None:
             "and give that"
         )
     if not re.fullmatch(rb"\s*[24](\.\d*)?\s+[01]\s+\d+\s*", second):
-        line = second[:_SHOWN].decode("utf-8", "replace").rstrip("\r\n")
+        line = second[: FORMAT.shown].decode("utf-8", "replace").rstrip("\r\n")
         raise ValueError(
             f"{path}: the line below $MeshFormat is {line!r}, and only the formats 2 and 4 are "
             "read; save the mesh in format 4.1 or 2.2"
@@ -97,12 +107,12 @@ def _check_counts(content: mmap.mmap, format_line: bytes, path: Path) -> None:
             block = content[start : start + 16].ljust(16, b"\0")
             count = min(struct.unpack(order, block)[1] for order in ("<2Q", ">2Q"))
         else:
-            line = content[start : start + _LINE].split(b"\n", 1)[0].split()
+            line = content[start : start + FORMAT.line].split(b"\n", 1)[0].split()
             position = 1 if version.startswith(b"4") else 0
             if len(line) <= position or not line[position].isdigit():
                 raise ValueError(f"{path}: there is no number of its {things}; the file is damaged")
             count = int(line[position])
-        if count * _LEAST_BYTES > len(content):
+        if count * FORMAT.least_bytes > len(content):
             raise ValueError(
                 f"{path} promises {count:,} {things}, which its {len(content):,} bytes cannot "
                 "hold; the file is damaged or was cut short: write it again"

@@ -57,7 +57,8 @@ class MeshNodes:
         """From nodes of `space` to the displacements' nodes of this rank, (own nodes, nodes)."""
         space, count = self._displacements, self._displacements.dofmap.index_map.size_local
         points = np.asarray(_compat.interpolation_points(space))
-        weights = _compat.tabulate(_compat.coordinate_element(self.mesh), self.mesh, points)
+        table = _compat.geometry_element(self.mesh).tabulate(0, points)
+        weights = np.asarray(table).reshape(len(points), -1)
         nodes, columns = _compat.dofmap_array(space), _compat.dofmap_array(self.space)
         cell, local = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         for i in range(nodes.shape[1]):  # all cells of a node give it the same position
@@ -122,8 +123,9 @@ def laplace(x: Array, simplices: Integers) -> csr_matrix:
     n = simplices.shape[1]
     edges = x[simplices[:, 1:]] - x[simplices[:, :1]]
     gram = np.einsum("eid,ejd->eij", edges, edges)
-    slopes = np.vstack([-np.ones(n - 1), np.eye(n - 1)])
     sizes = np.sqrt(np.linalg.det(gram)) / math.factorial(n - 1)
+    # of the barycentric coordinates by those of the edges
+    slopes = np.vstack([-np.ones(n - 1), np.eye(n - 1)])
     local = sizes[:, None, None] * (slopes @ np.linalg.inv(gram) @ slopes.T)
     rows, columns = np.repeat(simplices, n, axis=1).ravel(), np.tile(simplices, (1, n)).ravel()
     return csr_matrix((local.ravel(), (rows, columns)), shape=(len(x), len(x)))

@@ -24,7 +24,7 @@ from ..parallel import on_rank_0
 from .curves import Arc, Curve, Drawn, Line, Spline
 from .dxf_file import read_dxf
 from .interface import Bore, Predicate, checked, whole_edge
-from .loops import closed_outline, samples
+from .loops import DRAWING, closed_outline, samples
 from .mesh_file import GroupedMesh, read_gmsh_model
 from .plane_mesh import Drawing, cells_along, check_size, gmsh_model, mesh_faces
 from .rims import with_rims
@@ -33,10 +33,6 @@ from .rims import with_rims
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 #: Name of the group of curves that are in no interface
 _REST = "outline"
-#: No coordinate of a body is farther away [m]
-_FARTHEST = 1e6
-#: Least width of a rim, in sizes of triangles
-_THINNEST = 0.5
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,7 @@ def mesh_outline(
     validation.instance("from_outline: comm", comm, MPI.Comm, "an MPI communicator")
     validation.number("from_outline: size", size, above=0.0, unit="m")
     if rim:
-        validation.number("domain: solid_rim", rim, least=_THINNEST * size, unit="m")
+        validation.number("domain: solid_rim", rim, least=DRAWING.thinnest_rim * size, unit="m")
     named = {name: place for name, place in interfaces.items() if isinstance(place, str | Bore)}
     source = f"outline {outline}" if isinstance(outline, str | Path) else "outline"
     gmsh = None
@@ -191,7 +187,7 @@ def _check_numbers(path: Path, drawn: Sequence[Drawn]) -> None:
     for curve in drawn:
         with np.errstate(all="ignore"):
             points = samples([curve.curve])
-        wrong = points[~(np.abs(points) < _FARTHEST)]
+        wrong = points[~(np.abs(points) < DRAWING.farthest)]
         if len(wrong):
             raise ValueError(
                 f"outline {path}: a curve on {', '.join(map(repr, sorted(curve.names)))} has the "
@@ -232,14 +228,17 @@ def _piece(points: Array) -> Curve:
     if len(points) < 2:
         raise ValueError("outline: a piece of a ring needs at least two points")
     if len(points) == 3:
+        # the circle through the origin, a and b
         (ax, ay), (bx, by) = points[1] - points[0], points[2] - points[0]
         area = ax * by - ay * bx
-        if abs(area) > 1e-9 * (bx * bx + by * by):
-            a, b = ax * ax + ay * ay, bx * bx + by * by
+        a, b = ax * ax + ay * ay, bx * bx + by * by
+        if abs(area) > 1e-9 * b:
             center = points[0] + np.array([by * a - ay * b, ax * b - bx * a]) / (2.0 * area)
             start, end = (np.arctan2(*(p - center)[::-1]) for p in points[[0, 2]])
             sweep = (end - start) % (2.0 * np.pi)
-            return Arc(points[0], points[2], center, sweep - (2.0 * np.pi if area < 0.0 else 0.0))
+            if area < 0.0:
+                sweep -= 2.0 * np.pi
+            return Arc(points[0], points[2], center, sweep)
     return Spline.through(points) if len(points) > 3 else Line(points[0], points[-1])
 
 

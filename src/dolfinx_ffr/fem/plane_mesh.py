@@ -188,29 +188,42 @@ class _CurveCells:
 def _cells_of(curve: Curve, size: float, local: LocalSizes | None) -> _CurveCells:
     """A curve in cells of a size, or smaller, along each of which it turns little."""
     finest = size if local is None else min(size, float(np.min(local.sizes)))
-    breaks = curve.breaks()
-    per_span = math.ceil(MESHING.points + 2.0 * curve.length / finest / (len(breaks) - 1))
-    spans = np.arange(len(breaks))
-    t = np.interp(np.arange(spans[-1] * per_span + 1) / per_span, spans, breaks)
-    side = np.diff(curve.at(t), axis=0)
+    t, x = _samples(curve, finest)
+    side = np.diff(x, axis=0)
     length = np.linalg.norm(side, axis=1)
-    t, side, length = t[np.r_[True, length > 0.0]], side[length > 0.0], length[length > 0.0]
-    x = curve.at(t)
     sizes = np.full(len(side), size)
     if local is not None:
         sizes = np.clip(local.at(0.5 * (x[1:] + x[:-1])), finest, size)
+
+    # cells by length or by turn, whichever needs more, along each side of the samples
     cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
     bent = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:])))
     turn = 0.5 * (np.r_[bent, 0.0] + np.r_[0.0, bent])
     largest_turn = MESHING.turn_of_arcs if isinstance(curve, Arc) else MESHING.turn
-    counted = np.cumsum(np.r_[0.0, np.maximum(length / sizes, turn / largest_turn)])
+    cells_of_side = np.maximum(length / sizes, turn / largest_turn)
+    counted = np.cumsum(np.r_[0.0, cells_of_side])
     # two curves with the same ends do not become the same chord
-    n = max(math.ceil(counted[-1] * (1.0 - 1e-9)), 1 if isinstance(curve, Line) else 3)
+    fewest = 1 if isinstance(curve, Line) else 3
+    n = max(math.ceil(counted[-1] * (1.0 - 1e-9)), fewest)
+
     along = np.cumsum(np.r_[0.0, length])
     s = np.interp(np.linspace(0.0, counted[-1], n + 1), counted, along)
     vertices = curve.at(np.interp(s, along, t))
     vertices[[0, -1]] = curve.start, curve.end
-    return _CurveCells(vertices, curve.at(np.interp(0.5 * (s[1:] + s[:-1]), along, t)))
+    middles = curve.at(np.interp(0.5 * (s[1:] + s[:-1]), along, t))
+    return _CurveCells(vertices, middles)
+
+
+def _samples(curve: Curve, finest: float) -> tuple[Array, Array]:
+    """Parameters (n,) and different points (n, 2) of a curve, several for each cell."""
+    breaks = curve.breaks()
+    length_of_span = curve.length / (len(breaks) - 1)
+    per_span = math.ceil(MESHING.points + 2.0 * length_of_span / finest)
+    spans = np.arange(len(breaks))
+    t = np.interp(np.arange(spans[-1] * per_span + 1) / per_span, spans, breaks)
+    moves_on = np.linalg.norm(np.diff(curve.at(t), axis=0), axis=1) > 0.0
+    t = t[np.r_[True, moves_on]]
+    return t, curve.at(t)
 
 
 def cells_along(curve: Curve, size: float) -> Array:
@@ -280,14 +293,17 @@ def _bend(model: Any, divided: Sequence[_CurveCells]) -> None:
 
 def _flattest(x: Array) -> Array:
     """Smallest Jacobian determinant of triangles (cells, 6, 2), relative to straight ones."""
-    corners = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5], [1 / 3, 1 / 3]])
-    least = np.full(len(x), np.inf)
-    for r, s in corners:
+    points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5], [1 / 3, 1 / 3]])
+    determinants = []
+    for r, s in points:
         t = 1.0 - r - s
-        by_r = np.array([1 - 4 * t, 4 * r - 1, 0.0, 4 * (t - r), 4 * s, -4 * s])
-        by_s = np.array([1 - 4 * t, 0.0, 4 * s - 1, -4 * r, 4 * r, 4 * (t - s)])
-        least = np.minimum(least, np.linalg.det(np.stack([by_r, by_s]) @ x))
-    return np.asarray(least / np.linalg.det(x[:, 1:3] - x[:, :1]))
+        slopes = [
+            [1 - 4 * t, 4 * r - 1, 0.0, 4 * (t - r), 4 * s, -4 * s],
+            [1 - 4 * t, 0.0, 4 * s - 1, -4 * r, 4 * r, 4 * (t - s)],
+        ]
+        determinants.append(np.linalg.det(np.array(slopes) @ x))
+    straight_sides = x[:, 1:3] - x[:, :1]
+    return np.asarray(np.min(determinants, axis=0) / np.linalg.det(straight_sides))
 
 
 def check_size(

@@ -194,18 +194,21 @@ class _DividedDrawing:
 
     def _curve(self, x: Array) -> Curve:
         """A line, an arc or a spline along points (n, 2) of a smooth curve."""
-        inner = x[1:-1] if len(x) > RIM.fewest + 2 else x
         chord = x[-1] - x[0]
-        away = np.abs((x - x[0]) @ np.array([-chord[1], chord[0]]))
-        if np.all(away <= self._fine * np.hypot(*chord)) and np.any(chord):
+        across = np.abs((x - x[0]) @ np.array([-chord[1], chord[0]]))
+        if np.any(chord) and np.all(across <= self._fine * np.hypot(*chord)):
             return Line(x[0], x[-1])
+
+        inner = x[1:-1] if len(x) > RIM.fewest + 2 else x
         circle = _circle(inner)
         if circle is not None:
-            angle = np.unwrap(np.arctan2(*(x - circle[0]).T[::-1]))
+            center = circle[0]
+            angle = np.unwrap(np.arctan2(*(x - center).T[::-1]))
             sweep = float(angle[-1] - angle[0])
             if np.array_equal(x[0], x[-1]):
-                return Arc(x[0], x[0], circle[0], float(np.sign(sweep)) * 2.0 * np.pi)
-            return Arc(x[0], x[-1], circle[0], sweep).moved(x[0], x[-1])
+                return Arc(x[0], x[0], center, float(np.sign(sweep)) * 2.0 * np.pi)
+            return Arc(x[0], x[-1], center, sweep).moved(x[0], x[-1])
+
         along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
         count = max(4, int(RIM.points * along[-1] / self._width))
         samples = np.linspace(0.0, along[-1], count)

@@ -19,7 +19,7 @@ import basix
 import numpy as np
 
 from ..arrays import Array, Integers, Mask
-from ..parallel import announce, on_every_rank
+from ..parallel import announce
 from . import _compat
 from .curves import ShapeError
 from .domain import Domain
@@ -208,15 +208,14 @@ class Tetrahedra:
     ) -> Domain:
         """A body of what is not void; facets refer to places in ``names``."""
         arrays = None
-        with on_every_rank(comm, "a body of tetrahedra"):
-            if comm.rank == 0:
-                not_void = self.regions != VOID
-                used, cells = np.unique(self.cells[not_void], return_inverse=True)
-                cells = cells.reshape(-1, 4)
-                tags, sides = self.facets[not_void], cells[:, _OPPOSITE]
-                facets = {name: sides[tags == i] for i, name in enumerate(names) if i in tags}
-                regions = {"solid": self.regions[not_void] == SOLID}
-                arrays = MeshArrays("tetrahedron", 1, self.points[used], cells, facets, regions)
+        if comm.rank == 0:
+            not_void = self.regions != VOID
+            used, cells = np.unique(self.cells[not_void], return_inverse=True)
+            cells = cells.reshape(-1, 4)
+            tags, sides = self.facets[not_void], cells[:, _OPPOSITE]
+            facets = {name: sides[tags == i] for i, name in enumerate(names) if i in tags}
+            regions = {"solid": self.regions[not_void] == SOLID}
+            arrays = MeshArrays("tetrahedron", 1, self.points[used], cells, facets, regions)
         mesh, facets_by_name, cells_by_name = distribute(comm, arrays)
         known_centers = {name: center for name, center in centers.items() if name in facets_by_name}
         # a part that stays solid everywhere has nothing that could be designed again

@@ -30,7 +30,6 @@ class Side:
     left: int  #: DESIGN or SOLID
     right: int  #: VOID, or SOLID right of DESIGN
     interface: int  #: Number of the interface, -1 where there is none
-    field: bool  #: Whether it is where the field is zero, and not a side of the mesh
 
     def reversed(self) -> Side:
         """The same side, seen from its right."""
@@ -65,7 +64,7 @@ def boundary(
             curves = _zero_line(points, chain, zero, corner_numbers, field, step, tolerance)
         else:
             curves = [_side_of_mesh(points, chain, circles.get(number), lattice, tolerance)]
-        sides += [Side(curve, nodes, left, right, name, number < 0) for nodes, curve in curves]
+        sides += [Side(curve, nodes, left, right, name) for nodes, curve in curves]
     return sides
 
 

@@ -49,7 +49,7 @@ from .boundary import Side, boundary
 from .cut import cut
 from .enclosed import Findings
 from .export import Loop, Sheet, write
-from .field import Field
+from .field import Field, turns
 from .in_space import mesh_solid
 from .lattice import Lattice
 from .options import CURVES, MESHES
@@ -416,13 +416,11 @@ class Part(Verifiable):
 
 def _notches(ring: Array) -> tuple[Array, Array]:
     """Where a ring (n, 2) around material on its left bends around a notch, and the radii [m]."""
-    after = np.roll(ring, -1, axis=0) - ring
-    before = np.roll(after, 1, axis=0)
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    angle = np.arctan2(cross, np.einsum("ij,ij->i", before, after))
-    side = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
+    sides = np.diff(np.vstack([ring[-1:], ring, ring[:1]]), axis=0)
+    lengths = np.linalg.norm(sides, axis=1)
+    shorter, angle = np.minimum(lengths[:-1], lengths[1:]), turns(sides)
     bent = (angle < 0.0) & (angle > -MESHES.corner)
-    return ring[bent], side[bent] / -angle[bent]
+    return ring[bent], shorter[bent] / -angle[bent]
 
 
 def _find(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, PowerNorm
@@ -38,6 +39,8 @@ BETWEEN = 10
 _WIDTH = 9.0
 #: Parts of red, green and blue above which a colour of a film is white, as its background
 _WHITE = 240
+#: Colors of a film that are those of energies, among 256
+_GLOWING = 120
 #: Height of the curve below a film divided by its width
 _CURVE = 0.13
 
@@ -252,10 +255,10 @@ AddPictures = Callable[[Sequence[int], Callable[[int], None]], None]
 
 @contextmanager
 def _film(file: Path, rate: float) -> Iterator[tuple[Axes, Axes, AddPictures]]:
-    """Axes of a film with so many pictures a second, axes of a curve below, and its writer."""
-    writer = GifWriter(rate)
-    if file.suffix.lower() == ".mp4":
-        writer = FFMpegWriter(rate)
+    """Axes of a film with so many pictures a second, axes below, and what adds pictures.
+
+    Beside the first axes, the last line of the axes below moves.
+    """
     with style.styled_figure(_WIDTH, 1.7 * _WIDTH, dpi=100.0) as figure:
         axes, below = figure.subplots(2, 1)
         below.set_box_aspect(_CURVE)
@@ -267,6 +270,9 @@ def _film(file: Path, rate: float) -> Iterator[tuple[Axes, Axes, AddPictures]]:
             style.fit_height(figure, [axes, below])
             figure.draw_without_rendering()
             figure.set_layout_engine("none")
+            writer: AbstractMovieWriter = GifWriter(rate, [axes, below.lines[-1]])
+            if file.suffix.lower() == ".mp4":
+                writer = FFMpegWriter(rate)
             with writer.saving(figure, file, figure.dpi):
                 for instant in instants:
                     update(instant)
@@ -276,25 +282,40 @@ def _film(file: Path, rate: float) -> Iterator[tuple[Axes, Axes, AddPictures]]:
 
 
 class GifWriter(AbstractMovieWriter):
-    """Writes an animated GIF with one palette, so that resting parts do not flicker."""
+    """Writes an animated GIF with one palette, so that resting parts do not flicker.
+
+    All but the ``moving`` artists of a figure is drawn once.
+    """
+
+    def __init__(self, rate: float, moving: Sequence[Artist]) -> None:
+        super().__init__(rate)
+        self.moving = moving
+        self.pictures: list[Image.Image] = []
 
     def setup(self, figure: Figure, outfile: Any, dpi: float | None = None) -> None:
         super().setup(figure, outfile, dpi)
-        self.pictures: list[Image.Image] = []
+        for artist in self.moving:
+            artist.set_animated(True)
+        canvas: Any = figure.canvas
+        canvas.draw()
+        self.background = canvas.copy_from_bbox(figure.bbox)
 
     def grab_frame(self, **_: Any) -> None:
         canvas: Any = self.fig.canvas
-        canvas.draw()
+        canvas.restore_region(self.background)
+        for artist in self.moving:
+            self.fig.draw_artist(artist)
         self.pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
 
     def finish(self) -> None:
         """Write the file."""
         sample = self.pictures[:: max(1, len(self.pictures) // 8)]
         stacked = Image.fromarray(np.vstack([np.asarray(picture) for picture in sample]))
-        palette = stacked.quantize(256, method=Image.Quantize.MEDIANCUT)
-        colors = np.reshape(palette.getpalette(), (-1, 3))
+        glow = np.round(255.0 * style.GLOW(np.linspace(0.0, 1.0, _GLOWING))[:, :3])
+        palette = stacked.quantize(256 - _GLOWING, method=Image.Quantize.MEDIANCUT)
+        colors = np.reshape(palette.getpalette(), (-1, 3))[: 256 - _GLOWING]
         colors[colors.min(axis=1) > _WHITE] = 255
-        palette.putpalette(colors.ravel().tolist())
+        palette.putpalette(np.vstack([colors, glow]).astype(int).ravel().tolist())
         dither = Image.Dither.NONE
         first, *rest = [p.quantize(palette=palette, dither=dither) for p in self.pictures]
         duration = max(20, round(1000.0 / self.fps))

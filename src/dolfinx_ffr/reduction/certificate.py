@@ -25,6 +25,7 @@ References:
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,15 +34,28 @@ from ..fem import Block
 from .factored_body import FactoredBody
 from .krylov import KrylovSpace
 
-#: Fields of noise: with three the space is done when its modes are accurate, as with four
-COLUMNS = 3
-#: Probability with which a missing mode remains unseen, at most
-RISK = 1e-10
-#: Part of the noise along a mode, relative to its standard deviation, that has this probability
-SMALL = math.sqrt(2.0) * (RISK * math.gamma(COLUMNS / 2 + 1)) ** (1 / COLUMNS)
-#: Distances from the eigenvalues of H at which theta is tried, relative to that of the bound: they
-#: are poles, from which the norms fall off smoothly
-DISTANCES = 2.0 ** np.arange(0.0, 12.0, 0.5)
+
+@dataclass(frozen=True)
+class CertificateOptions:
+    """Noise by which a missing mode is seen, and how its absence is proved."""
+
+    columns: int = (
+        3  #: Fields of noise: the space is done when its modes are accurate, as with four
+    )
+    risk: float = 1e-10  #: Probability with which a missing mode remains unseen, at most
+    #: Distances from the eigenvalues of H at which theta is tried, relative to that of the bound,
+    #: each sqrt(2) times the one before: the eigenvalues are poles, from which norms fall off
+    #: smoothly
+    distances: int = 24
+
+    @property
+    def small(self) -> float:
+        """Noise along a mode, over its standard deviation, that has this probability."""
+        s = self.columns
+        return math.sqrt(2.0) * (self.risk * math.gamma(s / 2 + 1)) ** (1 / s)
+
+
+CERTIFICATE = CertificateOptions()
 
 
 class Certificate:
@@ -68,9 +82,10 @@ class Certificate:
         coupling = space.coupling
         noise_parts = self._shares.T @ vectors[: len(self._shares)]
         coupling_parts = vectors.T @ coupling[:, n_before:].T
-        for theta in values[-1] + DISTANCES * (bound - values[-1]):
+        distances = 2.0 ** (0.5 * np.arange(CERTIFICATE.distances))
+        for theta in values[-1] + distances * (bound - values[-1]):
             coupled = (noise_parts / (theta - values)) @ coupling_parts
-            if np.linalg.norm(coupled) > SMALL * theta:
+            if np.linalg.norm(coupled) > CERTIFICATE.small * theta:
                 return None
         # the most that the rest of T, whose eigenvalues are below the bound, adds by the coupling
         bounded = projected + symmetric(coupling.T @ coupling) / (limit - bound)
@@ -84,6 +99,6 @@ def noise(factored: FactoredBody, clamped: Mask, number: int) -> Block:
     variances = elasticity.mass_over_diagonal * np.maximum(diagonal.getArray(readonly=True), 0.0)
     diagonal.destroy()
     generator = np.random.default_rng([number, elasticity.comm.rank])
-    forces = generator.standard_normal((elasticity.n_dofs, COLUMNS))
+    forces = generator.standard_normal((elasticity.n_dofs, CERTIFICATE.columns))
     forces *= np.where(clamped, 0.0, np.sqrt(variances))[:, None]
     return forces

@@ -33,12 +33,20 @@ from .krylov import KrylovSpace
 from .multigrid import MultigridSolver
 from .normal_modes import CLUSTER, EigenSolver, LowestModes, below_following, cluster
 
-#: Bounds of the solvers' tolerance: round-off leaves no less, and beyond no digit would be right.
-TIGHTEST, LOOSEST = 1e-14, 1e-2
-#: Relative round-off of eigenvalues at least
-ROUND_OFF = 1e-14
-#: Blocks after which the pullback gives up
-MAX_ITERATIONS = 100
+
+@dataclass(frozen=True)
+class ReductionOptions:
+    """Bounds of the solvers' tolerance, and where iterations and differences end."""
+
+    tightest: float = 1e-14  #: Least tolerance: round-off leaves no less
+    loosest: float = 1e-2  #: Largest tolerance: beyond it no digit would be right
+    round_off: float = 1e-14  #: Relative round-off of eigenvalues, at least
+    most_blocks: int = 100  #: Blocks of the space of adjoint fields, at most
+    #: By which centers are moved for differences of what follows them, in extents of interfaces
+    step_of_centers: float = 3e-4
+
+
+REDUCTION = ReductionOptions()
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,10 +87,6 @@ class ReducedBasis(Shown):
         if len(self.eigenvalues) == 0:
             return np.inf
         return self.first_truncated_eigenvalue / float(self.eigenvalues[-1]) - 1.0
-
-
-#: By which centers are moved for differences of what follows them, in extents of interfaces
-_STEP = 3e-4
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,9 @@ class CraigBampton:
         validation.instance("reduction: elasticity", elasticity, Elasticity, "an Elasticity")
         needed = "ChordFrame(...) or TangentFrame(...)"
         validation.implementation("body: frame", frame, ("origin", "retained"), needed)
-        validation.number("body: tolerance", tolerance, least=TIGHTEST, most=LOOSEST)
+        validation.number(
+            "body: tolerance", tolerance, least=REDUCTION.tightest, most=REDUCTION.loosest
+        )
         self.elasticity = elasticity
         self.frame = frame
         self.modes = validation.integer("reduction: modes", modes, least=-np.inf)
@@ -253,9 +259,9 @@ class CraigBampton:
 
         result = np.zeros((len(domain.interfaces), d))
         for row, (name, interface) in zip(result, domain.interfaces.items(), strict=True):
-            steps = _STEP * interface.extent * np.eye(d)
+            steps = REDUCTION.step_of_centers * interface.extent * np.eye(d)
             row[:] = [along(name, step) - along(name, -step) for step in steps]
-            row /= 2.0 * _STEP * interface.extent
+            row /= 2.0 * REDUCTION.step_of_centers * interface.extent
         return np.asarray(sum(domain.comm.allgather(result)))
 
     def interface_motion(
@@ -279,9 +285,6 @@ class CraigBampton:
 
         The ``recycled`` matrices of another density, from `FactoredBody.recycle`, are used up:
         their pattern and their ordering serve again.
-
-        Raises:
-            RuntimeError: If the clamped stiffness is singular.
         """
         rows = np.flatnonzero(self.clamped).astype(np.int32)
         if recycled is not None:
@@ -308,9 +311,6 @@ class CraigBampton:
 
         Warns:
             UserWarning: If the number of modes cuts through a cluster of frequencies.
-
-        Raises:
-            RuntimeError: If a solver fails.
         """
         load = self.elasticity.apply(factored.matrices.stiffness, self._lifted)
         load[self.clamped] = 0.0
@@ -379,9 +379,6 @@ class CraigBampton:
         Across a relative gap g the round-off r of the eigenvalues, relative to them, leaves a share
         r / g of the first truncated mode in the last retained one, and the span turns by 1 / g: the
         gradient is wrong by r / g^2 of its size, and below g = sqrt(r) it has no digit.
-
-        Raises:
-            RuntimeError: If a truncated mode has the frequency of a retained one.
         """
         if basis.spectral_gap >= CLUSTER:
             return
@@ -403,7 +400,7 @@ class CraigBampton:
         """The relative gap of two eigenvalues below which their modes have no derivative."""
         image = self.elasticity.apply(factored.clamped.stiffness, pair)
         off = np.abs(self.elasticity.inner(pair, image) - np.diag(values)) / values[0]
-        return float(np.sqrt(max(float(np.max(off)), ROUND_OFF)))
+        return float(np.sqrt(max(float(np.max(off)), REDUCTION.round_off)))
 
     # ------------------------------------------------------------------ pullback
 
@@ -421,9 +418,6 @@ class CraigBampton:
         For a ``factored`` body with its shape functions ``basis``, ``shapes_bar`` is the derivative
         of psi with respect to these at fixed K and M, shape (dofs, r). Returned are the adjoint
         fields z, shape (dofs, r), and the number of blocks of the Krylov space or of iterations.
-
-        Raises:
-            RuntimeError: Without convergence, or as `check_gap` does.
         """
         self.check_gap(factored, basis)
         right = -shapes_bar
@@ -456,9 +450,6 @@ class CraigBampton:
         it is given. The error of each in the norm of K is at most the tolerance times the
         largest norm of all solutions, both times the square roots of their shifts. In `pullback`
         that bounds the error of the gradient relative to its largest part.
-
-        Raises:
-            RuntimeError: Without convergence.
         """
         inner = self.elasticity.inner
         static = right[:, :0] if static is None else static
@@ -489,7 +480,7 @@ class CraigBampton:
         space = KrylovSpace(factored, unshifted * weights, without, floor=floor)
         if space.invariant:  # nothing to solve for
             return np.hstack([static, unshifted + truncated @ shares]), 0
-        for iteration in range(MAX_ITERATIONS):
+        for iteration in range(REDUCTION.most_blocks):
             start = np.zeros((space.complete, len(shifts)))
             start[: len(space.start)] = (space.start / weights)[: space.complete]
             values, vectors = np.linalg.eigh(space.projected)
@@ -507,7 +498,8 @@ class CraigBampton:
                 break
             space.grow()
         raise RuntimeError(
-            f"reduction: the adjoint of the normal modes did not converge in {MAX_ITERATIONS} "
-            f"iterations (relative gap to the first frequency left out {basis.spectral_gap:.1e}); "
+            "reduction: the adjoint of the normal modes did not converge in "
+            f"{REDUCTION.most_blocks} iterations (relative gap to the first frequency left "
+            f"out {basis.spectral_gap:.1e}); "
             "choose a number of modes that does not cut through close frequencies"
         )

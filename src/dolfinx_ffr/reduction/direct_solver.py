@@ -32,19 +32,27 @@ from . import cholmod
 SOLVERS = DIRECT, ITERATIVE = "direct", "iterative"
 #: Names of CHOLMOD in PETSc, which depend on how that was built
 CHOLMOD = ("cholmod", "suitesparse")
-#: Share of the entries of the whole factor that the factor between parts may have: every rank makes
-#: it, and solves with it
-MOST_BETWEEN = 0.25
 #: PETSc's number of the error that a matrix is not positive definite
 _SINGULAR = 81
-#: Times the entries that fit from which on a factor is not counted
-_HOPELESS = 5.0
 #: Options of CHOLMOD on one rank. Below so many operations for each entry of the factor its columns
 #: are taken one by one: dense blocks of them, of which CHOLMOD makes some from 40 on, are then too
 #: small, and at 55 take a quarter more time. By L L^T, which refuses what is not positive definite,
 #: as CHOLMOD's L D L^T does not
 _CHOLMOD = {"supernodal_switch": 64.0, "final_asis": False, "final_ll": True}
 _PREFIX = "dolfinx_ffr_"
+
+
+@dataclass(frozen=True)
+class FactorOptions:
+    """When ranks factor parts of a body, and when the entries of a factor are counted."""
+
+    #: Share of the entries of the whole factor that the factor between parts may have: every rank
+    #: makes it, and solves with it
+    most_between: float = 0.25
+    hopeless: float = 5.0  #: Times the entries that fit from which on they are not counted
+
+
+FACTOR = FactorOptions()
 
 
 class LinearSolver(ABC):
@@ -95,7 +103,11 @@ def factor_entries(elasticity: Elasticity, matrix: PETSc.Mat, most: float = math
     length = float(np.ptp(domain.bounding_box, axis=0).max())
     band = n * domain.cell_size / (domain.order * length)
     estimate = min(0.35 * entries * growth, n * max(band, entries / n))
-    if not most < estimate < _HOPELESS * most or matrix.comm.size > 1 or not cholmod.is_known():
+    if (
+        not most < estimate < FACTOR.hopeless * most
+        or matrix.comm.size > 1
+        or not cholmod.is_known()
+    ):
         return estimate
     begins, columns, _ = matrix.getValuesCSR()
     try:
@@ -123,7 +135,7 @@ def check_memory(elasticity: Elasticity, matrix: PETSc.Mat, remedy: str) -> None
 
 def parts_pay(elasticity: Elasticity, matrix: PETSc.Mat, between: float) -> bool:
     """Whether a factor with entries ``between`` parts, which every rank makes, is small enough."""
-    return between <= MOST_BETWEEN * factor_entries(elasticity, matrix)
+    return between <= FACTOR.most_between * factor_entries(elasticity, matrix)
 
 
 def _entries(matrix: PETSc.Mat) -> float:

@@ -205,12 +205,9 @@ class FlexibleBody:
 
     def _alike(self, **changed: Any) -> FlexibleBody:
         """A body that accepts what this one has reduced: mesh, material and frame stay."""
-        body = self._with(**changed)
+        body = type(self)(self.domain, self.material, **{**self._options, **changed})
         body.mark = self.mark
         return body
-
-    def _with(self, **changed: Any) -> FlexibleBody:
-        return type(self)(self.domain, self.material, **{**self._options, **changed})
 
     def with_domain(self, domain: Domain) -> FlexibleBody:
         """The same body on the mesh ``domain``, which has the same interfaces."""

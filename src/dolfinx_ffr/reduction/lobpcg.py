@@ -19,6 +19,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -26,12 +27,17 @@ import scipy.linalg
 from ..arrays import Array, symmetric
 from ..fem import Block, Elasticity
 
-#: Iterations after which it gives up
-MAX_ITERATIONS = 500
-#: Share of a direction, relative to the largest, below which it is round-off
-NOTHING = 1e-13
-#: Rows of blocks that are multiplied at a time
-ROWS = 4096
+
+@dataclass(frozen=True)
+class LobpcgOptions:
+    """When iterations end, and what is round-off."""
+
+    max_iterations: int = 500
+    nothing: float = 1e-13  #: Share of a direction, relative to the largest, that is round-off
+    rows: int = 4096  #: Of blocks that are multiplied at a time
+
+
+LOBPCG = LobpcgOptions()
 
 
 def lobpcg(
@@ -58,12 +64,12 @@ def lobpcg(
     size = 0
     active, values = np.arange(width), np.zeros(0)
     directions = starts
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(LOBPCG.max_iterations):
         directions = _apart(elasticity, directions, deflated)
         directions = _apart(elasticity, directions, (bases[0][:, :size], bases[2][:, :size]))
         image = massive(directions)
         shares, vectors = comm.bcast(np.linalg.eigh(inner(directions, image)))
-        independent = shares > NOTHING * shares[-1]
+        independent = shares > LOBPCG.nothing * shares[-1]
         factors = vectors[:, independent] / np.sqrt(shares[independent])
         end = size + factors.shape[1]
         bases[0][:, size:end] = directions @ factors
@@ -81,13 +87,13 @@ def lobpcg(
         for _ in range(2):
             changes -= chosen @ (chosen.T @ (metric @ changes))
         shares, vectors = comm.bcast(np.linalg.eigh(changes.T @ metric @ changes))
-        independent = shares > NOTHING * max(shares[-1], NOTHING)
+        independent = shares > LOBPCG.nothing * max(shares[-1], LOBPCG.nothing)
         changes = changes @ (vectors[:, independent] / np.sqrt(shares[independent]))
         combined = np.hstack([chosen, changes if size else changes[:, :0]])
         size = combined.shape[1]
         for basis in bases:  # where they are: copies would take as much memory again
-            for begin in range(0, len(basis), ROWS):
-                rows = slice(begin, begin + ROWS)
+            for begin in range(0, len(basis), LOBPCG.rows):
+                rows = slice(begin, begin + LOBPCG.rows)
                 basis[rows, :size] = basis[rows, :end] @ combined
         residual = bases[1][:, :width] - values * bases[2][:, :width]
         directions = inverse(residual)

@@ -94,17 +94,19 @@ class EigenSolver:
         With K^-1 times ``loads`` (dofs, columns), for which the factor is not read once more.
         RuntimeError if modes do not converge.
         """
-        if isinstance(factored.clamped.solver, MultigridSolver):
+        solver = factored.clamped.solver
+        if isinstance(solver, MultigridSolver):
             # where solutions are approximate, a Krylov space loses its recurrence
-            eigenvalues, fields = self._by_multigrid(factored, number)
+            eigenvalues, fields = self._by_multigrid(factored, solver, number)
             mass_fields = self.elasticity.apply(factored.clamped.mass, fields)
             return LowestModes(eigenvalues, fields, mass_fields, factored.solve(loads))
         return self._in_krylov_space(factored, number, loads)
 
-    def _by_multigrid(self, factored: FactoredBody, number: int) -> tuple[Array, Block]:
+    def _by_multigrid(
+        self, factored: FactoredBody, solver: MultigridSolver, number: int
+    ) -> tuple[Array, Block]:
         """The modes of `lowest`, without a proof that none is missing: (k,) and (dofs, k)."""
-        solver, mass = factored.clamped.solver, factored.clamped.mass
-        assert isinstance(solver, MultigridSolver)
+        mass = factored.clamped.mass
         starts = self._scattered_block(0, number + 1)
         eigenvalues, fields = solver.modes(mass, number + 1, starts, None)
 

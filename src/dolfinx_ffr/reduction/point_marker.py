@@ -45,9 +45,6 @@ class PointMarker:
         expected = "two components" if d == 2 else "three components"
         argument = f"marker {name!r}: position"
         point = np.array(validation.real_array(argument, position, (d,), expected=expected))
-        index_map = domain.space.dofmap.index_map
-        n_owned, n_local = index_map.size_local, index_map.size_local + index_map.num_ghosts
-        dofs = _compat.dofmap_array(domain.space)
         cells = _cells_at(domain, point)
         count = domain.comm.allreduce(len(cells))
         if count == 0:
@@ -56,28 +53,27 @@ class PointMarker:
                 f"marker {name!r} at {tuple(point)} m lies outside the body, which spans "
                 f"{tuple(np.round(low, 6))} to {tuple(np.round(high, 6))} m"
             )
-        local = np.zeros((3 * d - 3, d * n_local))
+        index_map, dofs = domain.space.dofmap.index_map, _compat.dofmap_array(domain.space)
+        by_cell = []
         for cell, reference in cells:
             values, gradients, _ = _shape_functions(domain, cell, reference)
-            first_dofs = d * dofs[cell]
+            weights = np.zeros((3 * d - 3, len(values), d))
             for i in range(d):
-                local[i, first_dofs + i] += values / count
+                weights[i, :, i] = values
             for row, (i, j) in enumerate(PLANES[d], start=d):
-                local[row, first_dofs + i] -= 0.5 * gradients[j] / count
-                local[row, first_dofs + j] += 0.5 * gradients[i] / count
-        # rows on ghost nodes belong to their owners
-        columns = np.arange(n_local, dtype=np.int32)
-        global_nodes = np.asarray(index_map.local_to_global(columns))
-        ghost = local[:, d * n_owned :].reshape(len(local), -1, d)
-        first_node = int(index_map.local_range[0])
-        on_owned = local[:, : d * n_owned].reshape(len(local), -1, d)
-        for nodes, weights in domain.comm.allgather((global_nodes[n_owned:], ghost)):
-            mine = (nodes >= first_node) & (nodes < first_node + n_owned)
-            on_owned[:, nodes[mine] - first_node] += weights[
-                :, mine
-            ]  # a rank sends each of its ghosts once
-        rows = csr_matrix(on_owned.reshape(len(local), -1))
-        return PointMarker(point, rows, domain.comm, tuple(cells), count)
+                weights[row, :, i] = -0.5 * gradients[j]
+                weights[row, :, j] = 0.5 * gradients[i]
+            nodes = np.asarray(index_map.local_to_global(dofs[cell].astype(np.int32)))
+            by_cell.append((nodes, weights / count))
+
+        first, end = index_map.local_range
+        rows = np.zeros((3 * d - 3, end - first, d))
+        for cells_of_rank in domain.comm.allgather(by_cell):
+            for nodes, weights in cells_of_rank:
+                mine = (first <= nodes) & (nodes < end)
+                rows[:, nodes[mine] - first] += weights[:, mine]
+        own_rows = csr_matrix(rows.reshape(len(rows), -1))
+        return PointMarker(point, own_rows, domain.comm, tuple(cells), count)
 
     def motion(self, block: Block) -> tuple[Array, Array]:
         """Displacement (2, columns) and rotation (columns,) of a block, in space (3, columns)."""
@@ -112,30 +108,30 @@ def _cells_at(domain: Domain, point: Array) -> list[tuple[int, Array]]:
     x = domain.mesh.geometry.x[nodes][:, :, : domain.dimension]
     low, high = x.min(axis=1), x.max(axis=1)
     room = 0.1 * (high - low).max(axis=1, keepdims=True)
-    nearby = np.flatnonzero(np.all((point >= low - room) & (point <= high + room), axis=1))
+    is_near = np.all((point >= low - room) & (point <= high + room), axis=1)
+
     pull_back = _compat.coordinate_element(domain.mesh).pull_back
     largest = np.sum if domain.cell in ("triangle", "tetrahedron") else np.max
-    candidates = [
-        (int(c), pull_back(point[None, :], np.ascontiguousarray(x[c]))[0]) for c in nearby
-    ]
-    return [(c, X) for c, X in candidates if X.min() >= -SLACK and largest(X) <= 1.0 + SLACK]
+    cells = []
+    for cell in np.flatnonzero(is_near).tolist():
+        reference = pull_back(point[None, :], np.ascontiguousarray(x[cell]))[0]
+        if reference.min() >= -SLACK and largest(reference) <= 1.0 + SLACK:
+            cells.append((cell, reference))
+    return cells
 
 
 def _shape_functions(
     domain: Domain, cell: int, reference: Array
 ) -> tuple[Array, Array, tuple[Array, Array]]:
     """Shape functions (n,) and gradients (d, n) in a cell, of displacements and of geometry."""
-    kind = getattr(basix.CellType, _compat.cell_name(domain.mesh))
-
-    def tabulate(degree: int) -> Array:
-        element = basix.create_element(
-            basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
-        )
-        return np.asarray(element.tabulate(1, reference[None, :])).reshape(1 + domain.dimension, -1)
-
-    geometry = tabulate(_compat.coordinate_element(domain.mesh).degree)
+    kind = getattr(basix.CellType, domain.cell)
+    gll = basix.LagrangeVariant.gll_warped
+    displacements = basix.create_element(basix.ElementFamily.P, kind, domain.order, gll)
+    geometry, table = (
+        np.asarray(element.tabulate(1, reference[None, :])).reshape(1 + domain.dimension, -1)
+        for element in (_compat.geometry_element(domain.mesh), displacements)
+    )
     x = domain.mesh.geometry.x[_compat.cell_geometry(domain.mesh)[cell]][:, : domain.dimension]
     jacobian = x.T @ geometry[1:].T
-    table = tabulate(domain.order)
     slopes = np.linalg.solve(jacobian.T, geometry[1:])
     return table[0], np.linalg.solve(jacobian.T, table[1:]), (geometry[0], slopes)
