@@ -392,10 +392,10 @@ def test_solids_are_cut_finer_until_psi_stands(
 
 def test_rises_of_steps_in_space_do_not_add_up() -> None:
     """One of 1.9 % may be the cut, two of them are worse than the best; in the plane none may."""
-    assert not InSpace.pace.worse(1.019, 1.0, 1.0)
-    assert InSpace.pace.worse(1.038, 1.019, 1.0)
-    assert InSpace.pace.worse(1.019, 0.998, 1.0)
-    assert InThePlane.pace.worse(1.038, 1.0375, 1.0)
+    assert not InSpace().worse(1.019, 1.0, 1.0)
+    assert InSpace().worse(1.038, 1.019, 1.0)
+    assert InSpace().worse(1.019, 0.998, 1.0)
+    assert InThePlane().worse(1.038, 1.0375, 1.0)
 
 
 @pytest.mark.slow

@@ -7,6 +7,9 @@ from .kinds import Carried as Carried
 from .kinds import InSpace as InSpace
 from .kinds import InThePlane as InThePlane
 from .kinds import Kind as Kind
+from .options import CURVES as CURVES
+from .options import BoundaryOptions as BoundaryOptions
+from .options import SurfaceOptions as SurfaceOptions
 from .outline import Boundary as Boundary
 from .sizes import Rows as Rows
 from .slide import slides as slides

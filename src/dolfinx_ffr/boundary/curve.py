@@ -13,19 +13,15 @@ from scipy.sparse import csr_matrix
 
 from ..arrays import Array, Integers, Mask
 from ..fem import Spline
+from .options import CURVES, BoundaryOptions
 
-#: Weight of the second differences of the controls when a curve is fitted to points: steps along
-#: the elements of a mesh go, members stay where they are
-SMOOTHING = 1.0
 #: Parameters in a span, its ends among them, at which the curvature is looked at: where controls
 #: are near each other it changes within a small share of a radius
-BENDS = 32
-#: Points to which a curve is fitted for each of its controls, at least
+_BENDS = 32
+#: Points for each control to which a curve is fitted, at least: a curve with fewer would miss them
 _DENSE = 16
 #: Points and weights of Gauss: three integrate polynomials of degree 5
 _GAUSS = np.polynomial.legendre.leggauss(3)
-#: Rounds in which a curve is kept where it may be, and by how much each of them overshoots
-_ROUNDS, _FURTHER = 40, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +48,10 @@ class FreeCurve:
     @property
     def held(self) -> Mask:
         """Whether a control stays, shape (n,)."""
-        found = np.zeros(len(self.control), dtype=bool)
+        held = np.zeros(len(self.control), dtype=bool)
         if not self.closed:
-            found[[0, -1]] = True
-        return found
+            held[[0, -1]] = True
+        return held
 
     def _shares(self, s: Array, derivative: int) -> tuple[Array, Integers]:
         """Shares of the controls that count at parameters, and their numbers, (points, 4) each."""
@@ -102,7 +98,7 @@ class FreeCurve:
     @property
     def smallest_radius(self) -> float:
         """The smallest radius of curvature [m]."""
-        s = np.linspace(0.0, self.spans, BENDS * self.spans + 1)
+        s = np.linspace(0.0, self.spans, _BENDS * self.spans + 1)
         return 1.0 / max(float(np.max(np.abs(self.turn(s)[0]))), 1e-300)
 
     @property
@@ -137,6 +133,10 @@ class FreeCurve:
         count = max(math.ceil(length / step), each * self.spans)
         return np.linspace(0.0, self.spans, count, endpoint=False)
 
+    def bend_parameters(self, step: float) -> Array:
+        """Parameters of points at most about ``step`` [m] apart that show each bend, (points,)."""
+        return self.sampled(step, _BENDS)
+
     def nearest(self, points: Array, near: Array) -> Array:
         """Parameters of the nearest points, from parameters ``near`` them, by Newton's method."""
         s = near
@@ -156,12 +156,12 @@ class FreeCurve:
         m = self.spans
         ends = np.ones(4)
         knots = np.concatenate([0.0 * ends, np.arange(1, m) / m, ends])
-        found = Spline.of(lambda t: self.at(np.asarray(t) * m), knots, 3)
+        spline = Spline.of(lambda t: self.at(np.asarray(t) * m), knots, 3)
         first, last = (0, 0) if self.closed else (0, -1)
-        start = found.control[0] if self.closed else self.control[first]
-        found.control[0] = start
-        found.control[-1] = start if self.closed else self.control[last]
-        return found
+        start = spline.control[0] if self.closed else self.control[first]
+        spline.control[0] = start
+        spline.control[-1] = start if self.closed else self.control[last]
+        return spline
 
     @staticmethod
     def fit(
@@ -189,7 +189,9 @@ class FreeCurve:
         bend = np.roll(one, 1, axis=0) + np.roll(one, -1, axis=0) - 2.0 * one
         if not closed:
             bend[[0, -1]] = 0.0
-        matrix = (shares.T @ shares).toarray() + SMOOTHING * _DENSE * bend.T @ bend
+        # second differences of the controls weigh as much as the points: steps along the elements
+        # of a mesh go, members stay where they are
+        matrix = (shares.T @ shares).toarray() + _DENSE * bend.T @ bend
         if closed:
             # smoothing shrinks what has few controls; a circle tells by how much
             angle = 2.0 * np.pi * t
@@ -207,7 +209,12 @@ class FreeCurve:
 
 
 def kept(
-    curve: FreeCurve, control: Array, room: shapely.Geometry, clear: shapely.Geometry, step: float
+    curve: FreeCurve,
+    control: Array,
+    room: shapely.Geometry,
+    clear: shapely.Geometry,
+    step: float,
+    options: BoundaryOptions = CURVES,
 ) -> FreeCurve:
     """The curve with these controls (n, 2), moved to the nearest places within ``room``.
 
@@ -215,30 +222,32 @@ def kept(
     the body at a notch: points of it some ``step`` [m] apart that are not in ``clear``, but for
     those at its ends, take their controls there.
     """
-    for _ in range(_ROUNDS):
-        control = control + _ways(control, room)
-        found = curve.moved(np.where(curve.held[:, None], curve.control, control))
+    for _ in range(options.keeping):
+        control = control + _displacements(control, room)
+        moved = curve.moved(np.where(curve.held[:, None], curve.control, control))
         # as many in each span, so that mirror images stay alike
-        each = -(-len(found.sampled(step)) // found.spans)
-        s = np.arange(each * found.spans) / each
-        s = s if found.closed else s[(s > 1.0) & (s < found.spans - 1.0)]
-        ways = _ways(found.at(s), clear)
-        out = np.any(ways, axis=1)
-        if np.max(np.abs(ways), initial=0.0) < 0.01 * step:
+        samples = -(-len(moved.sampled(step)) // moved.spans)
+        s = np.arange(samples * moved.spans) / samples
+        s = s if moved.closed else s[(s > 1.0) & (s < moved.spans - 1.0)]
+        displacements = _displacements(moved.at(s), clear)
+        out = np.any(displacements, axis=1)
+        if np.max(np.abs(displacements), initial=0.0) < 0.01 * step:
             break
-        shares = found.rows(s[out])
+        shares = moved.rows(s[out])
         weight = np.maximum(shares.sum(axis=0).A1, 1e-300)
-        control = found.control + _FURTHER * (shares.T @ ways[out]) / weight[:, None]
-    return found
+        control = (
+            moved.control + options.overshoot * (shares.T @ displacements[out]) / weight[:, None]
+        )
+    return moved
 
 
-def _ways(points: Array, room: shapely.Geometry) -> Array:
+def _displacements(points: Array, room: shapely.Geometry) -> Array:
     """From points (n, 2) outside a region to the nearest place in it, zero from others [m]."""
-    found = np.zeros_like(points)
+    displacements = np.zeros_like(points)
     shapely.prepare(room)
     out = np.flatnonzero(~shapely.contains_xy(room, points))
     if len(out):
-        ways = shapely.shortest_line(room, shapely.points(points[out]))
-        ends = shapely.get_coordinates(ways).reshape(-1, 2, 2)
-        found[out] = ends[:, 0] - ends[:, 1]
-    return found
+        shortest = shapely.shortest_line(room, shapely.points(points[out]))
+        ends = shapely.get_coordinates(shortest).reshape(-1, 2, 2)
+        displacements[out] = ends[:, 0] - ends[:, 1]
+    return displacements

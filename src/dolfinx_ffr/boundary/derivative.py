@@ -19,7 +19,8 @@ B = TypeVar("B", bound=Any)  # with n_controls
 
 #: Ends and middles of the sides of a triangle of order 2, by local number
 _ENDS, _MIDDLES = ([1, 2], [0, 2], [0, 1]), (3, 4, 5)
-#: Distance of a node from a curve on which it lies, in minimum members
+#: Distance of a node from a curve on which it lies, in minimum members: gmsh places nodes on
+#: curves to some 1e-7 of their length
 _ON = 1e-5
 
 

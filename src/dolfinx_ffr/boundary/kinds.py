@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
 from mpi4py import MPI
@@ -19,6 +18,7 @@ from ..fem import CurveError, Domain, ShapeError
 from ..part import Solid
 from ..reduction import Struts
 from .derivative import CurveMotion, NodeMotion
+from .options import CURVES, IN_SPACE, BoundaryOptions
 from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
 from .spread import spread
@@ -30,39 +30,14 @@ B = TypeVar("B", Boundary, Surface)
 #: Share of psi that the strut between two curves carries
 Carried = dict[tuple[int, int], float]
 
-#: Size of triangles, in minimum members, and at most in widths of members; and their number at
-#: least, so that psi of a part with few members is told as well; how much larger they may be in
-#: steps in which no stress counts, as psi differs by no more than 0.1 % by them
-_SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
-#: Share of psi that a strut carries at most to be tried without it, and how many are tried at once
-_IDLE, _TRIED = 2e-3, 3
-#: Rounds in which sizes are mended, and squares of the minimum member more that this may take
-_MENDED, _MORE = 3, 0.1
-
-
-@dataclass(frozen=True)
-class Pace:
-    """When a step is taken back, and how long the next one is; lengths in minimum members."""
-
-    rise: float  #: Of the merit beyond which a step is taken back; another mesh alone changes it
-    drift: float  #: The same beside the best one: rises of several steps add up
-    shorter: float  #: Factor of the reach after a step that is no better
-    shortest: float  #: Step, below which another mesh changes more
-    again: float  #: Reach at least when modes may have changed
-    smooth: float  #: Distance over which a step is smooth, in minimum members
-
-    def worse(self, merit: float, before: float, best: float) -> bool:
-        """Whether a step to a merit is taken back, by those before it and of the best one."""
-        return merit > min(before + self.rise, best + self.drift)
-
 
 class Kind(ABC, Generic[B]):
     """What the descent asks of one kind of boundary."""
 
     kind: ClassVar[type]
     article: ClassVar[str]  #: What users are asked for
-    pace: ClassVar[Pace]
-    meshes: ClassVar[int]  #: Finer ones at most on which the result is told
+    options: ClassVar[BoundaryOptions]  #: Numbers of the steps
+    meshes: ClassVar[int]  #: Most finer meshes on which the result is evaluated
     still: ClassVar[float]  #: Change of psi from one of them to the next that ends them
 
     @abstractmethod
@@ -93,10 +68,18 @@ class Kind(ABC, Generic[B]):
     def size(self, boundary: B, given: float | None) -> float:
         """The size of cells [m], by default one that is fine enough for psi and the members."""
 
-    def mended(self, boundary: B, missed: float, reach: float) -> B:
+    def worse(self, merit: float, before: float, best: float) -> bool:
+        """Whether a step to a merit is taken back, by the merits before it and of the best trial.
+
+        Another mesh alone may change the merit, and the changes of several steps add up.
+        """
+        noise = self.options.mesh_noise
+        return merit > before + noise or (noise > 0.0 and merit > best + noise)
+
+    def mended(self, boundary: B, missed: float) -> B:
         """The boundary with sizes mended that a step has left too small.
 
-        Sizes may be missed by a share ``missed``; ``reach`` is the longest step, in members.
+        Sizes may be below their minimum by a share ``missed``.
         """
         return boundary
 
@@ -136,16 +119,17 @@ class InThePlane(Kind[Boundary]):
     """Curves, on meshes of triangles."""
 
     kind, article = Boundary, "a Boundary"
-    pace = Pace(rise=0.0, drift=math.inf, shorter=0.7, shortest=1e-3, again=0.0, smooth=2.4)
+    options = CURVES
     meshes, still = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
         if not boundary.valid:
             raise CurveError("boundary: curves cross, or leave the body")
-        across = _ACROSS
+        options = boundary.options
+        across = options.triangle_across
         if turn == math.inf:
-            across *= _LARGER
-            size = max(size, min(_LARGER * size, _enough(boundary)))
+            across *= options.coarser
+            size = max(size, min(options.coarser * size, _enough(boundary)))
         return boundary.part.domain(size, across=across, turn=turn)
 
     def agreed(self, boundary: Boundary, comm: MPI.Comm) -> Boundary:
@@ -166,25 +150,26 @@ class InThePlane(Kind[Boundary]):
     def size(self, boundary: Boundary, given: float | None) -> float:
         if given is not None:
             return given
-        return min(_SIZE * boundary.member, _enough(boundary))
+        return min(boundary.options.triangle * boundary.member, _enough(boundary))
 
-    def mended(self, boundary: Boundary, missed: float, reach: float) -> Boundary:
-        boundary = spread(boundary)
+    def mended(self, boundary: Boundary, missed: float) -> Boundary:
+        boundary, options = spread(boundary), boundary.options
+        reach = options.longest
         most, shares, member = _area(boundary)[0], boundary.shares, boundary.member
-        metric = (shares.T @ boundary.metric(self.pace.smooth * member) @ shares).tocsc()
+        metric = (shares.T @ boundary.metric(options.smooth * member) @ shares).tocsc()
         still, held = np.zeros(shares.shape[1]), shares.T @ boundary.held > 0
-        for _ in range(_MENDED):
+        for _ in range(options.mending):
             rows = [self.sizes(boundary), self.radii(boundary)]
             # a member that becomes wider takes no more material
             area, gains = _area(boundary)
             more, gain = area - most, member * (gains @ shares)
-            if max(part.missed for part in rows) <= missed and more <= _MORE * member**2:
+            if max(part.missed for part in rows) <= missed and more <= options.material * member**2:
                 break
             rows.append(self.room(boundary, 1.5 * reach * member))
             scale = max(float(np.linalg.norm(gain)), 1e-300)
             values = np.concatenate([*(part.values for part in rows), [more / scale]])
             slopes = np.vstack([*(member * (part.slopes @ shares) for part in rows), gain / scale])
-            step = best_step(metric, still, values, slopes, held, reach)
+            step = best_step(metric, still, values, slopes, held, reach, None, options)
             boundary = boundary.moved(member * (shares @ step.offsets))
         return boundary
 
@@ -211,10 +196,14 @@ class InThePlane(Kind[Boundary]):
         return carried
 
     def simpler(self, boundary: Boundary, carried: Carried) -> Iterator[tuple[Boundary, int]]:
-        holes = set(boundary.holes)
-        idle = [pair for pair, share in carried.items() if share < _IDLE and holes.issuperset(pair)]
+        holes, options = set(boundary.holes), boundary.options
+        idle = [
+            pair
+            for pair, share in carried.items()
+            if share < options.idle and holes.issuperset(pair)
+        ]
         idle.sort(key=lambda pair: carried[pair])
-        for pair in idle[:_TRIED]:
+        for pair in idle[: options.idle_tried]:
             try:
                 joined = boundary.joined(pair)
             except ShapeError:
@@ -230,14 +219,14 @@ def _area(boundary: Boundary) -> tuple[float, Array]:
 
 def _enough(boundary: Boundary) -> float:
     """The size of triangles of which there are just enough [m]."""
-    return math.sqrt(4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS)
+    return math.sqrt(4.0 / math.sqrt(3.0) * boundary.material.area / boundary.options.triangles)
 
 
 class InSpace(Kind[Surface]):
     """Surfaces of fields, on tetrahedra that are cut."""
 
     kind, article = Surface, "a Surface"
-    pace = Pace(rise=2e-2, drift=2e-2, shorter=0.9, shortest=0.02, again=0.3, smooth=1.4)
+    options = IN_SPACE
     meshes, still = 2, Solid.tolerance
 
     def mesh(self, boundary: Surface, size: float, turn: float) -> Domain:

@@ -41,32 +41,9 @@ from ..fem import (
 )
 from ..part import Part, PartWarning
 from .curve import FreeCurve, kept
+from .options import CURVES, BoundaryOptions
 from .sides import Loops, Run, Side, sides_of
 from .symmetry import fitted
-
-#: Accuracy of polygons, in minimum members
-_FINE = 5e-3
-#: Area of the smallest hole, in squares of the minimum member
-_SPECK = 5.0
-#: How far from the strut between them holes that are joined are made convex, so that no noses stay,
-#: and half the widths of bays that go and of bays that are filled then, in minimum members
-_CONVEX, _BETWEEN, _OPENED = 3.0, 0.9, 0.5
-#: Greatest distance of holes that are joined, in minimum members
-_JOINED = 6.0
-#: Half the width of struts when they are inserted, in minimum members
-_BAR = 0.55
-#: Distance of the controls from what must stay solid, in minimum members: what they leave there is
-#: no member, as it is one piece with the solid
-_OFF_SOLID = 0.25
-#: That of curves, and of the points at which it is looked at: corners of solids stay between none
-_CLEAR = 0.05
-#: Smallest radius by default, in minimum gaps: that of the narrowest round hole
-_RADIUS = 0.5
-#: Steps along the boundary at which members and gaps are measured, in minimum members
-_STEP = 0.2
-#: Distance by which curves may leave the body or enter a rim, as they are told by points, and
-#: distance of curves from the drawn hole that they are on, in minimum members
-_BEYOND, _ON_HOLE = 0.01, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +73,7 @@ class Boundary:
         radius: Smallest radius of curvature [m].
         spacing: Distance of the controls of holes [m]; twice that in outlines.
         needed: Of rims what the part began with, which stays material.
+        options: Numbers of the method.
     """
 
     origin: Part
@@ -110,6 +88,17 @@ class Boundary:
     radius: float
     spacing: float
     needed: shapely.Geometry
+    options: BoundaryOptions = CURVES
+
+    @property
+    def _fine(self) -> float:
+        """Accuracy of polygons [m]."""
+        return self.options.accuracy * self.member
+
+    @property
+    def _tolerance(self) -> float:
+        """Distance by which polygons of curves may cross, as each is as far from its curve [m]."""
+        return 2.0 * self.options.accuracy * self.member
 
     @staticmethod
     def of(
@@ -122,6 +111,7 @@ class Boundary:
         spacing: float | None = None,
         outline: bool = True,
         mirrors: Sequence[Mirror] = (),
+        options: BoundaryOptions = CURVES,
     ) -> Boundary:
         """The boundary of a part, its free sides smoothed.
 
@@ -135,6 +125,7 @@ class Boundary:
             spacing: Distance of the controls of holes [m]; by default two minimum members.
             outline: Whether sides on the outer edge of the body may move, too.
             mirrors: Lines about which the part is its own mirror image, and stays it exactly.
+            options: Numbers of the method.
 
         Raises:
             ValueError: If a number is out of range, the part is in pieces or has lost an interface,
@@ -152,7 +143,8 @@ class Boundary:
         validation.number("boundary: gap", gap, above=0.0, unit="m")
         rim = member if rim is None else rim
         validation.number("boundary: rim", rim, least=0.0, unit="m")
-        radius = _RADIUS * gap if radius is None else radius
+        # the narrowest round hole has the radius of half a gap
+        radius = 0.5 * gap if radius is None else radius
         validation.number("boundary: radius", radius, least=0.0, unit="m")
         spacing = 2.0 * member if spacing is None else spacing
         validation.number("boundary: spacing", spacing, above=0.0, unit="m")
@@ -167,11 +159,13 @@ class Boundary:
                 f"{part.lost_interfaces}; take a design in one piece that all interfaces hold"
             )
         whole = Part(part.body, lambda x: np.ones(len(x)), part.spacing, resolution=2)
-        rings = [[polygon(loop, _FINE * member) for loop in loops] for loops in whole.outlines]
+        rings = [
+            [polygon(loop, options.accuracy * member) for loop in loops] for loops in whole.outlines
+        ]
         room = shapely.union_all([shapely.Polygon(ring, holes) for ring, *holes in rings])
-        drawn = _drawn_holes(part.body).boundary.buffer(_ON_HOLE * member) if rim else None
+        drawn = _drawn_holes(part.body).boundary.buffer(options.clear * member) if rim else None
         # arcs are as near to the polygon of the outline as that is to them
-        near = 2.0 * _FINE * member
+        near = 2.0 * options.accuracy * member
         runs, faces = sides_of(part.drawing, room.boundary, near, outline, drawn)
         if not runs:
             raise ValueError(
@@ -182,7 +176,7 @@ class Boundary:
         alike = tuple(images(lines))
         curves, masters = part.body.comm.bcast(fitted(runs, spacing, alike))
         sizes, none = (member, gap, rim, radius, spacing), shapely.MultiPolygon()
-        found = Boundary(part, curves, faces, masters, alike, room, *sizes, none)
+        found = Boundary(part, curves, faces, masters, alike, room, *sizes, none, options)
         if found._inner.buffer(-member).is_empty:
             raise ValueError(
                 f"boundary: minimum members of {1e3 * member:.4g} mm do not fit into the body; "
@@ -197,7 +191,7 @@ class Boundary:
                 "without hairlines"
             )
         rims = found._rims.intersection(found.material)
-        return replace(found, needed=rims.buffer(-2.0 * _BEYOND * member))
+        return replace(found, needed=rims.buffer(-2.0 * found._tolerance))
 
     @property
     def body(self) -> Domain:
@@ -277,11 +271,11 @@ class Boundary:
 
     def slid(self, motion: Array) -> Boundary:
         """The same with a ``motion`` of its controls, (controls, 2) [m], kept where they may be."""
-        free = {}
+        free, step = {}, self.options.clear * self.member
         for key, curve in self.free.items():
             part = slice(self.first[key], self.first[key] + len(curve.control))
             control = curve.control + motion[part]
-            free[key] = kept(curve, control, self._inner, self._clear, _CLEAR * self.member)
+            free[key] = kept(curve, control, self._inner, self._clear, step, self.options)
         moved = replace(self, free=free)
         # as solid regions, the body and its holes stay
         same = ("_rims", "_inner", "_clear", "_limit")
@@ -309,12 +303,12 @@ class Boundary:
     @cached_property
     def _inner(self) -> shapely.Geometry:
         """Where controls may be that are no ends."""
-        return self._off_solid(_OFF_SOLID)
+        return self._off_solid(self.options.off_solid)
 
     @cached_property
     def _clear(self) -> shapely.Geometry:
         """Where their curves may be."""
-        return self._off_solid(_CLEAR)
+        return self._off_solid(self.options.clear)
 
     def _off_solid(self, distance: float) -> shapely.Geometry:
         """The body without rims and what is near what must stay solid, in minimum members."""
@@ -322,8 +316,8 @@ class Boundary:
             [self._polygon(loops) for group, loops in self.faces if group == "solid"]
         )
         # curves along the outer edge of the body pass rims there
-        holes = _drawn_holes(self.body).buffer(_ON_HOLE * self.member)
-        rims = self._rims.intersection(self.room.union(holes).buffer(-_BEYOND * self.member))
+        holes = _drawn_holes(self.body).buffer(self.options.clear * self.member)
+        rims = self._rims.intersection(self.room.union(holes).buffer(-self._tolerance))
         return self.room.difference(solid.buffer(distance * self.member)).difference(rims)
 
     @cached_property
@@ -334,11 +328,10 @@ class Boundary:
     @cached_property
     def _limit(self) -> shapely.Geometry:
         """What the material stays in: the body, but for the accuracy of curves."""
-        return self.room.buffer(_BEYOND * self.member)
+        return self.room.buffer(self._tolerance)
 
     def _polygon(self, loops: Sequence[Sequence[Side]]) -> shapely.Polygon:
-        fine = _FINE * self.member
-        rings = [ring([self.curve(side) for side in loop], fine) for loop in loops]
+        rings = [ring([self.curve(side) for side in loop], self._fine) for loop in loops]
         return shapely.Polygon(rings[0], rings[1:])
 
     # ------------------------------------------------------------------ in a checkpoint
@@ -409,7 +402,7 @@ class Boundary:
 
         Sides of solid regions that are beside void, as bores, are among them.
         """
-        step = _STEP * self.member
+        step = self.options.sample * self.member
         points, normals, rows = [], [], []
         for key, curve in self.free.items():
             s = curve.sampled(step)
@@ -441,7 +434,7 @@ class Boundary:
         kinds = [kind for kind, _ in self.faces]
         designed = [f for f, kind in zip(faces, kinds, strict=True) if kind == "design"]
         twice = sum(face.area for face in designed) - shapely.union_all(designed).area
-        if twice > _BEYOND * self.member**2:  # an island crosses the edge of its pocket
+        if twice > self._tolerance * self.member:  # an island crosses the edge of its pocket
             return False
         material = shapely.union_all(faces)
         rims = self.needed.is_empty or material.covers(self.needed)
@@ -484,16 +477,18 @@ class Boundary:
         edges = {tuple(sorted(tree.query(g(where))[1].tolist())) for g in self.isometries}
         pairs = np.array(sorted(edges))
         number = connected(pairs, len(keys))
+        bays = self.options.bays * self.member
+        farthest = self.options.joined * self.member
         runs, gone = [], []
         for group in np.unique(number[pairs[:, 0]]):
             among = [keys[i] for i in np.flatnonzero(number == group)]
             own = pairs[number[pairs[:, 0]] == group]
             between = [self._between(keys[i], keys[j]) for i, j in own.tolist()]
             union = shapely.union_all([*between, *(self.hole(key) for key in among)])
-            union = union.buffer(_BETWEEN * self.member).buffer(-_BETWEEN * self.member)
-            # no bays that curves so coarse could not follow
-            union = union.buffer(-_OPENED * self.member).buffer(_OPENED * self.member)
-            far = self.hole(pair[0]).distance(self.hole(pair[1])) > _JOINED * self.member
+            union = union.buffer(bays).buffer(-bays)
+            # nothing narrower than a member, which curves so coarse could not follow
+            union = union.buffer(-0.5 * self.member).buffer(0.5 * self.member)
+            far = self.hole(pair[0]).distance(self.hole(pair[1])) > farthest
             if far or not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
                 raise ShapeError("boundary: the holes are too far apart to be made one")
             ring = shapely.geometry.polygon.orient(union, -1.0).exterior
@@ -509,7 +504,7 @@ class Boundary:
         holes = {key: self.hole(key) for key in self.holes}
         keys, seen = list(holes), shapely.MultiPolygon()
         for i, j in combinations(keys, 2):
-            if holes[i].distance(holes[j]) < _JOINED * self.member:
+            if holes[i].distance(holes[j]) < self.options.joined * self.member:
                 strut = self._between(i, j).difference(shapely.union_all([holes[i], holes[j]]))
                 if strut.representative_point().intersects(seen):
                     continue
@@ -520,7 +515,7 @@ class Boundary:
     def _between(self, i: int, j: int) -> shapely.Geometry:
         """What goes between two holes that are joined, and parts of these."""
         a, b = self.hole(i), self.hole(j)
-        way = a.distance(b) + _CONVEX * self.member
+        way = a.distance(b) + self.options.convex * self.member
         facing = a.intersection(b.buffer(way)), b.intersection(a.buffer(way))
         return shapely.union_all(facing).convex_hull
 
@@ -530,15 +525,17 @@ class Boundary:
         ValueError if there is no hole where it is, or nothing is left of it.
         """
         lines = [g(ends) for g in self.isometries]
-        bars = shapely.union_all(shapely.linestrings(lines)).buffer(_BAR * self.member)
+        bars = shapely.union_all(shapely.linestrings(lines))
+        bars = bars.buffer(0.5 * self.options.bar * self.member)
         gone, runs = [], []
         for key in self.holes:
             hole = self.hole(key)
             if hole.intersection(bars).area > self.member**2:
                 gone.append(key)
-                left = hole.difference(bars).buffer(-_OPENED * self.gap).buffer(_OPENED * self.gap)
+                # only where the narrowest hole fits
+                left = hole.difference(bars).buffer(-0.5 * self.gap).buffer(0.5 * self.gap)
                 for piece in getattr(left, "geoms", [left]):
-                    if piece.area > _SPECK * self.member**2:
+                    if piece.area > self.options.smallest_hole * self.member**2:
                         ring = shapely.geometry.polygon.orient(piece, -1.0).exterior
                         runs.append(Run(np.asarray(ring.coords)[:-1], None))
         if not runs:
@@ -572,7 +569,7 @@ class Boundary:
     def hole(self, key: int) -> shapely.Polygon:
         """What the closed curve ``key`` surrounds."""
         curve = self.free[key]
-        return shapely.Polygon(curve.at(curve.sampled(_STEP * self.member)))
+        return shapely.Polygon(curve.at(curve.sampled(self.options.sample * self.member)))
 
     def _below(self, share: float) -> list[int]:
         """The numbers of closed curves around less than so many squares of the minimum member."""
@@ -581,7 +578,8 @@ class Boundary:
     def _without_specks(self) -> Boundary:
         """Without holes and islands of the design that are too small, which is warned of."""
         drawn = _drawn_holes(self.body)
-        specks = [key for key in self._below(_SPECK) if not self.hole(key).intersects(drawn)]
+        small = self._below(self.options.smallest_hole)
+        specks = [key for key in small if not self.hole(key).intersects(drawn)]
         if not specks:
             return self
         centers = [1e3 * np.mean(self.free[key].control, axis=0) for key in specks]

@@ -10,17 +10,8 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from ..arrays import Array
-from .curve import BENDS
+from .options import CURVES
 from .outline import Boundary
-
-#: By how much members are kept wider than the minimum
-SPARE = 1.02
-#: Steps along a curve at which its curvature is measured, in smallest radii
-_STEP = 0.2
-#: Widths and radii up to this many times the minimum have a constraint
-SEEN = 1.5
-#: Share of the way across that must be along the normal, and greatest product of both normals
-_ACROSS, _FACING = 0.8, -0.5
 
 
 class Rows(NamedTuple):
@@ -29,6 +20,7 @@ class Rows(NamedTuple):
     values: Array  #: (m,)
     slopes: Array | csr_matrix  #: (m, controls) [1/m]
     least: Array  #: Size of which the value is 1 - size / least, (m,) [m]
+    spare: float = CURVES.spare  #: Factor by which the least size exceeds the minimum
 
     @staticmethod
     def none(controls: int) -> Rows:
@@ -44,12 +36,13 @@ class Rows(NamedTuple):
     @property
     def missed(self) -> float:
         """By how much the smallest size is below the minimum, relative to that; at least zero."""
-        return max(0.0, 1.0 - SPARE * (1.0 - float(np.max(self.values, initial=-np.inf))))
+        return max(0.0, 1.0 - self.spare * (1.0 - float(np.max(self.values, initial=-np.inf))))
 
 
-def _rows(values: list[Array], slopes: list[Array], least: float) -> Rows:
+def _rows(values: list[Array], slopes: list[Array], least: float, spare: float) -> Rows:
+    """Constraints below each other, of one ``least`` size [m]."""
     stacked = np.concatenate(values)
-    return Rows(stacked, np.vstack(slopes), np.broadcast_to(least, stacked.shape))
+    return Rows(stacked, np.vstack(slopes), np.broadcast_to(least, stacked.shape), spare)
 
 
 def size_rows(boundary: Boundary) -> Rows:
@@ -58,36 +51,41 @@ def size_rows(boundary: Boundary) -> Rows:
     The way d between two points of the boundary is the shortest one at both, so at fixed parameters
     its derivative is exact. Of places that are mirror images one has a constraint.
     """
-    samples = boundary.samples()
+    options, samples = boundary.options, boundary.samples()
     x, n = samples.points, samples.normals
-    widest = SEEN * max(boundary.member, boundary.gap)
+    widest = options.seen * max(boundary.member, boundary.gap)
     pairs = cKDTree(x).query_pairs(widest, output_type="ndarray")
-    pairs = pairs[np.einsum("ij,ij->i", n[pairs[:, 0]], n[pairs[:, 1]]) < _FACING]
+    pairs = pairs[np.einsum("ij,ij->i", n[pairs[:, 0]], n[pairs[:, 1]]) < options.facing]
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
-    way = x[j] - x[i]
-    distance = np.linalg.norm(way, axis=1)
+    displacement = x[j] - x[i]
+    distance = np.linalg.norm(displacement, axis=1)
     moves = np.diff(samples.rows.indptr) > 0
     values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
     minima = [np.zeros(0)]
     # through the material, and through the void
-    for side, least in ((-1.0, SPARE * boundary.member), (1.0, SPARE * boundary.gap)):
-        met = side * np.einsum("ij,ij->i", way, n[i]) > _ACROSS * distance
-        near = distance < SEEN * least
+    for side, least in (
+        (-1.0, options.spare * boundary.member),
+        (1.0, options.spare * boundary.gap),
+    ):
+        met = side * np.einsum("ij,ij->i", displacement, n[i]) > options.across * distance
+        near = distance < options.seen * least
         chosen = np.flatnonzero(met & near & (distance > 0.0) & moves[i])
         chosen = chosen[np.argsort(distance[chosen], kind="stable")]
-        # of each point the nearest, and of all points at which a control weighs most
+        # of each point the nearest, and of all points at which a control nearest_control most
         chosen = chosen[np.unique(i[chosen], return_index=True)[1]]
         chosen = chosen[np.argsort(distance[chosen], kind="stable")]
-        weighs = np.asarray(samples.rows[i[chosen]].argmax(axis=1)).ravel()
-        number, first = np.unique(weighs, return_index=True)
-        chosen = chosen[first[boundary.leads[number]]]
+        nearest_control = np.asarray(samples.rows[i[chosen]].argmax(axis=1)).ravel()
+        controls, first = np.unique(nearest_control, return_index=True)
+        chosen = chosen[first[boundary.leads[controls]]]
         apart = samples.rows[i[chosen]] - samples.rows[j[chosen]]
-        along = -way[chosen] / distance[chosen, None]
+        along = -displacement[chosen] / distance[chosen, None]
         projected = np.einsum("md,kd->mk", along, boundary.normals)
         values.append(1.0 - distance[chosen] / least)
         slopes.append(-apart.toarray() * projected / least)
         minima.append(np.full(len(chosen), least))
-    return Rows(np.concatenate(values), np.concatenate(slopes), np.concatenate(minima))
+    return Rows(
+        np.concatenate(values), np.concatenate(slopes), np.concatenate(minima), options.spare
+    )
 
 
 def radius_rows(boundary: Boundary) -> Rows:
@@ -96,19 +94,20 @@ def radius_rows(boundary: Boundary) -> Rows:
     At fixed parameters the derivative of the curvature is exact, and where it is largest along the
     curve that is the derivative of the largest one.
     """
-    least = SPARE * boundary.radius
+    options = boundary.options
+    least = options.spare * boundary.radius
     values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
     for key, curve in boundary.free.items():
         if not least:
             break
-        s = curve.sampled(_STEP * least, BENDS)
+        s = curve.bend_parameters(options.sample * least)
         turn, a, b, size = curve.turn(s)
-        tight = np.flatnonzero(np.abs(turn) * SEEN * least > 1.0)
-        # of the points at which a control weighs most the tightest
+        tight = np.flatnonzero(np.abs(turn) * options.seen * least > 1.0)
+        # of the points at which a control nearest_control most the tightest
         tight = tight[np.argsort(-np.abs(turn[tight]), kind="stable")]
-        weighs = np.asarray(curve.rows(s[tight]).argmax(axis=1)).ravel()
-        number, first_of = np.unique(weighs, return_index=True)
-        tight = tight[first_of[boundary.leads[boundary.first[key] + number]]]
+        nearest_control = np.asarray(curve.rows(s[tight]).argmax(axis=1)).ravel()
+        controls, first_of = np.unique(nearest_control, return_index=True)
+        tight = tight[first_of[boundary.leads[boundary.first[key] + controls]]]
         a, b, size, turn = a[tight], b[tight], size[tight], turn[tight]
         # d turn by a and by b, times the normals of the controls
         by_b = np.column_stack([-a[:, 1], a[:, 0]]) / size[:, None] ** 3
@@ -120,16 +119,18 @@ def radius_rows(boundary: Boundary) -> Rows:
         change *= (np.sign(turn) / turn**2 / least)[:, None]
         values.append(1.0 - 1.0 / np.abs(turn) / least)
         slopes.append(boundary.wide(csr_matrix(change), key).toarray())
-    return _rows(values, slopes, least)
+    return _rows(values, slopes, least, options.spare)
 
 
 def room_rows(boundary: Boundary, reach: float) -> Rows:
     """Controls stay where they may be, after a step of at most ``reach`` [m]."""
     values, slopes = [], []
-    for side, way in zip((1.0, -1.0), boundary.ways(reach), strict=True):
-        near = np.flatnonzero(boundary.leads & ~boundary.held & (way < (1.0 - 1e-9) * reach))
+    for side, displacement in zip((1.0, -1.0), boundary.ways(reach), strict=True):
+        near = np.flatnonzero(
+            boundary.leads & ~boundary.held & (displacement < (1.0 - 1e-9) * reach)
+        )
         rows = np.zeros((len(near), boundary.n_controls))
         rows[np.arange(len(near)), near] = side / boundary.member
-        values.append(-way[near] / boundary.member)
+        values.append(-displacement[near] / boundary.member)
         slopes.append(rows)
-    return _rows(values, slopes, np.inf)
+    return _rows(values, slopes, np.inf, boundary.options.spare)

@@ -13,17 +13,14 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, issparse
 from scipy.sparse.linalg import splu
 
 from ..arrays import Array, Mask
+from .options import CURVES, BoundaryOptions
 
-#: Violations beyond this are mended in several steps
-_AT_ONCE = 0.25
-#: How often the weight of the gradient is found anew
+#: Rounds in which the weight of the gradient is found: its reach is then within 10 %
 _ROUNDS = 6
-#: Earlier steps that tell the curvature, and its share of the largest from which on it is told:
-#: the gradient is as much another one on another mesh
-_EARLIER, _TOLD = 8, 1e-2
-#: Iterations for many multipliers, and their change, relative to the largest, that ends them;
-#: iterations for the largest eigenvalue of their matrix, and a factor of safety
-_ITERATIONS, _STILL, _POWERS, _MARGIN = 250, 1e-5, 12, 1.1
+#: Iterations for many multipliers, and their change, relative to the largest, that ends them
+_ITERATIONS, _CHANGE = 250, 1e-5
+#: Iterations for the largest eigenvalue of their matrix, and a factor of safety
+_POWERS, _MARGIN = 12, 1.1
 #: How a matrix that is symmetric, and needs no pivots, is factored with fewer entries
 _SYMMETRIC = {
     "permc_spec": "MMD_AT_PLUS_A",
@@ -53,6 +50,7 @@ def best_step(
     held: Mask,
     reach: float,
     curved: Array | None = None,
+    options: BoundaryOptions = CURVES,
 ) -> Step:
     """The step a that minimises 1/2 a.M a + mu (g.a + 1/2 |a.W|^2) within values + slopes a <= 0.
 
@@ -71,7 +69,7 @@ def best_step(
     # no step changes a constraint without a slope, and its multiplier is not determined
     squares: Any = slopes.multiply(slopes) if issparse(slopes) else slopes**2  # type: ignore[union-attr]
     able = np.flatnonzero(np.asarray(squares[:, free].sum(axis=1)).ravel())
-    slopes, wanted = slopes[able][:, free], np.minimum(values[able], _AT_ONCE)
+    slopes, wanted = slopes[able][:, free], np.minimum(values[able], options.at_once)
     bends = np.zeros((len(free), 0)) if curved is None else curved[free]
     step = (
         _accelerated(factor, slopes, downhill, bends)
@@ -98,18 +96,21 @@ def best_step(
     return Step(offsets, costs, weight, promised)
 
 
-def secants(known: Array, move: Array, gradient: Array) -> Array:
-    """The last steps (2, steps, n): moves, and the gradient before each; with one more."""
+def secants(known: Array, move: Array, gradient: Array, count: int = CURVES.secants) -> Array:
+    """The last ``count`` steps (2, steps, n): moves, and the gradient before each; one more."""
     last = np.stack([move, gradient])[:, None]
-    return np.hstack([known, last])[:, -_EARLIER:] if known.size else last
+    return np.hstack([known, last])[:, -count:] if known.size else last
 
 
-def curvature(metric: csc_matrix, known: Array, gradient: Array) -> Array:
+def curvature(
+    metric: csc_matrix, known: Array, gradient: Array, least_share: float = CURVES.curvature_share
+) -> Array:
     """Columns W (n, k) of the curvature W W^T that the last steps have shown.
 
     Along moves S, columns, the gradient has changed by Y. If Y = H S for a symmetric H, that is
     Y (S^T Y)^-1 Y^T: what the moves tell of H, never more than it. Moves along which the curvature
-    is not positive tell nothing.
+    is not positive tell nothing, nor do those of less than the ``least_share`` of the largest:
+    the gradient is as much another one on another mesh.
     """
     if not known.size:
         return np.zeros((len(gradient), 0))
@@ -119,8 +120,8 @@ def curvature(metric: csc_matrix, known: Array, gradient: Array) -> Array:
     way = way[:, apart] / np.sqrt(size[apart])
     bend = way.T @ (moves.T @ change) @ way
     along, turn = np.linalg.eigh(0.5 * (bend + bend.T))
-    told = along > _TOLD * np.max(along, initial=0.0)
-    return np.asarray(change @ way @ turn[:, told] / np.sqrt(along[told]))
+    is_known = along > least_share * np.max(along, initial=0.0)
+    return np.asarray(change @ way @ turn[:, is_known] / np.sqrt(along[is_known]))
 
 
 def _exact(factor: Any, slopes: Array, downhill: Array, bends: Array) -> Motion:
@@ -181,7 +182,7 @@ def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array, bends: Array)
             before, pace = pace, 0.5 + np.sqrt(0.25 + pace**2)
             ahead = found + (before - 1.0) / pace * (found - last)
             change, last = np.max(np.abs(found - last), initial=0.0), found
-            if change <= _STILL * np.max(found, initial=0.0):
+            if change <= _CHANGE * np.max(found, initial=0.0):
                 break
         costs = last / length
         return way - curved(factor.solve(slopes.T @ costs)), costs

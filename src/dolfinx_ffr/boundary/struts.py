@@ -10,52 +10,48 @@ from ..arrays import Array, Integers
 from ..reduction import Struts
 from .outline import Boundary
 
-#: Distance of points that can be ends of struts, and shortest strut, in minimum members
-_APART, _SHORTEST = 1.5, 3.0
-#: Fall of log psi at least that a strut of minimum width promises, and share of the best one's
-_PROMISED, _OF_BEST = 0.01, 0.3
-#: Least cosine between a strut and the normals at its ends
-_STEEP = 0.3
-#: Struts that are tried, and how far they are apart, in lengths of the shorter one
-_TRIED, _BETWEEN = 2, 0.5
-
 
 def missing(boundary: Boundary, struts: Struts) -> list[Array]:
     """Ends (2, 2) [m] of struts that promise most, the best first."""
+    options = boundary.options
     points, ends = _candidates(boundary)
     if not len(ends):
         return []
     gains = -struts.changes(points, ends, boundary.member)
     order = np.argsort(-gains, kind="stable")
-    order = order[gains[order] > max(_PROMISED, _OF_BEST * gains[order[0]])]
-    found: list[Array] = []
+    order = order[gains[order] > max(options.promised, options.promised_of_best * gains[order[0]])]
+    promising: list[Array] = []
     taken: list[tuple[shapely.Geometry, float]] = []
     for k in order:
         line = shapely.LineString(points[ends[k]])
-        if any(line.distance(o) < _BETWEEN * min(line.length, n) for o, n in taken):
+        if any(
+            line.distance(images) < options.struts_apart * min(line.length, length)
+            for images, length in taken
+        ):
             continue
-        found.append(points[ends[k]])
-        if len(found) == _TRIED:
+        promising.append(points[ends[k]])
+        if len(promising) == options.tried:
             break
-        images = shapely.MultiLineString([g(found[-1]) for g in boundary.isometries])
+        images = shapely.MultiLineString([g(promising[-1]) for g in boundary.isometries])
         taken.append((images, line.length))
-    return found
+    return promising
 
 
 def _candidates(boundary: Boundary) -> tuple[Array, Integers]:
     """Points of all holes, and pairs of them between which nothing but void is."""
+    options = boundary.options
     points, pairs, count = [], [], 0
     for key in boundary.holes:
         curve, hole = boundary.free[key], boundary.hole(key)
-        s = curve.sampled(_APART * boundary.member, 1)
+        s = curve.sampled(options.ends * boundary.member, 1)
         x, n = curve.at(s), curve.normals(s)
         i, j = np.triu_indices(len(x), 1)
-        way = x[j] - x[i]
-        length = np.linalg.norm(way, axis=1)
+        displacement = x[j] - x[i]
+        length = np.linalg.norm(displacement, axis=1)
         # normals are out of the material
-        across = np.einsum("ij,ij->i", way, n[i]) > _STEEP * length
-        across &= np.einsum("ij,ij->i", way, n[j]) < -_STEEP * length
-        across &= length > _SHORTEST * boundary.member
+        across = np.einsum("ij,ij->i", displacement, n[i]) > options.steep * length
+        across &= np.einsum("ij,ij->i", displacement, n[j]) < -options.steep * length
+        across &= length > options.shortest_strut * boundary.member
         i, j = i[across], j[across]
         lines = shapely.linestrings(np.stack([x[i], x[j]], axis=1))
         room = hole.buffer(0.1 * boundary.member)

@@ -31,7 +31,7 @@ from ..parallel import agreed_memory, on_every_rank, on_rank_0
 from ..part import PartWarning, Solid
 from .derivative import NodeMotion
 from .options import SURFACES, SurfaceOptions
-from .sizes import SEEN, SPARE, Rows
+from .sizes import Rows
 from .step import best_step
 from .walls import Field, Sides, Walls, contour
 from .windows import pierced, promising
@@ -389,8 +389,8 @@ class Surface:
     def _walls(self, near: Array | None = None) -> Walls:
         """The same, or those near some places (n, 3) [m] only; on rank 0."""
         assert self._sides is not None
-        least = SPARE * self.member
-        return self._sides.walls(self.field, self._slopes, least, SEEN * least, near)
+        least = self.options.spare * self.member
+        return self._sides.walls(self.field, self._slopes, least, self.options.seen * least, near)
 
     def rows(self, walls: Walls, least: float | None = None) -> Rows:
         """1 - d / d_min for the thinnest of walls, one in each cell of the grid of the motion.
@@ -407,10 +407,11 @@ class Surface:
         cosine = np.einsum("nd,nd->n", walls.inward[first], walls.across[first])
         there = diags(1.0 * walls.moving[first]) @ self.outwards(walls.ends[first])
         there = there - diags(cosine) @ self.outwards(walls.points[first])
-        least = least or SPARE * self.member
+        least = least or self.options.spare * self.member
         slopes = diags(-2.0 / (1.0 - cosine) / least) @ there
         values = 1.0 - walls.thickness[first] / least
-        return Rows(values, csr_matrix(slopes), np.full(len(first), least))
+        minima = np.full(len(first), least)
+        return Rows(values, csr_matrix(slopes), minima, self.options.spare)
 
     def finer(self) -> Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""

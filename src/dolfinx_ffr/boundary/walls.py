@@ -18,7 +18,6 @@ from ..arrays import Array, Integers, Mask
 from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra, connected
 from ..part import Balls, outer_faces, spread, tangent_balls
 from .options import SURFACES, SurfaceOptions
-from .sizes import SEEN
 
 Field = Callable[[Array], Array]
 
@@ -128,7 +127,7 @@ class Sides:
             chosen = chosen & _within(sides, near, sampled)
             parts.append((sides[chosen], way[chosen]))
         at, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
-        most = 0.5 * max(widest, SEEN * least)
+        most = 0.5 * max(widest, self.options.seen * least)
         balls = Balls(
             at, normals, *tangent_balls(at, normals, at, normals, most), self.spacing, most
         )

@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 
 from .. import validation
 from ..arrays import Array
-from ..boundary import Boundary, Surface
+from ..boundary import Boundary, BoundaryOptions, Surface
 from ..objective import is_stress
 from ..parallel import nearly_equal
 from ..part import TURN, PartViolation, PartWarning
@@ -34,12 +34,8 @@ from .result import BoundaryResult, ranks_of
 from .running import Run
 from .stepper import FEASIBLE, BoundarySteps, BoundaryTrial, follow, with_prefix, without_prefix
 
-#: By how much stress is kept below its bounds in steps
-_SPARE = 0.01
-#: Steps that follow where a bound is kept by the mesh of the steps and not by finer ones, and how
-#: often
-_MENDING, _ROUNDS = 4, 3
-#: Relative difference of controls from which on two starts are others; round-off changes less
+#: Relative difference of controls from which on two starts are others; round-off is amplified by
+#: iterations of a design and changes less
 _SAME = 1e-5
 #: The same of psi, which is that of a mesh made anew: another release of gmsh makes another one
 _SAME_PSI = 1e-4
@@ -142,14 +138,16 @@ def moved(
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
     turn = TURN if any(map(is_stress, objectives)) else math.inf
-    descent = Descent(problem, bounds, sizes, others, turn, of_stress(problem, _SPARE))
+    descent = Descent(
+        problem, bounds, sizes, others, turn, of_stress(problem, kind.options.stress_margin)
+    )
     ordered = {name: given[name] for name in names}
 
     def steps_from(show: Callable[[str], object], state: Mapping[str, Any] | None) -> CurveSteps:
         return CurveSteps(replace(descent, tell=show), ordered, steps, mode_tolerance, state)
 
     run = Run(ranks_of(problem), steps, "step", progress, "boundary")
-    phase = BoundaryPhase(run, steps, CurveSteps.identity(ordered), checkpoint)
+    phase = BoundaryPhase(run, steps, CurveSteps.identity(ordered), checkpoint, kind.options)
     return phase.result(steps_from)
 
 
@@ -161,11 +159,18 @@ class BoundaryPhase:
         steps: Number of steps, but for those that then mend a bound.
         identity: Arrays that the checkpoint of an earlier run must have in common with this one.
         checkpoint: Of the whole run; None keeps nothing.
+        options: Numbers of the steps.
     """
 
     def __init__(
-        self, run: Run, steps: int, identity: Mapping[str, Array], checkpoint: Checkpoint | None
+        self,
+        run: Run,
+        steps: int,
+        identity: Mapping[str, Array],
+        checkpoint: Checkpoint | None,
+        options: BoundaryOptions,
     ) -> None:
+        self._options = options
         self._run, self._steps, self._identity = run, steps, identity
         self._checkpoint = checkpoint or Checkpoint(run.comm, None, False)
         folder = self._checkpoint.path
@@ -176,7 +181,7 @@ class BoundaryPhase:
 
     def result(self, steps_from: MakeSteps) -> BoundaryResult:
         """The best boundaries of all steps, told by finer meshes; collective."""
-        run = self._run
+        run, more = self._run, self._options.more_steps
         with run.running():
             trials = count(1)
 
@@ -191,7 +196,7 @@ class BoundaryPhase:
                 self._check(state, steps)
                 run.advance(steps.number)
             beyond = max(0, steps.number - self._steps)
-            steps.last = self._steps + _MENDING * math.ceil(beyond / _MENDING)
+            steps.last = self._steps + more * math.ceil(beyond / more)
             ends: list[tuple[Any, float]] = []
             while True:
                 reason = follow(
@@ -201,10 +206,10 @@ class BoundaryPhase:
                     lambda: steps.number < steps.last,
                 )
                 ends.append(steps.refined())
-                used_up = steps.last >= self._steps + _ROUNDS * _MENDING
+                used_up = steps.last >= self._steps + self._options.more_rounds * more
                 if reason != "iterations" or used_up or not steps.tighten(ends[-1][0]):
                     break
-                steps.last += _MENDING
+                steps.last += more
                 run.bar.total = steps.last
             best, change = min(ends, key=lambda end: steps.rank(end[0]))
             self._add(steps.row_of(best), best)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..boundary import Boundary, Surface
-from .descent import LONGEST, NONE, Descent, Slopes, Step, Trial
+from .descent import NONE, Descent, Slopes, Step, Trial
 from .enough_modes import EVERY, chosen_methods, with_methods
 from .signed_log import SignedLog
 from .stepper import FEASIBLE, numbers_by_name, safety_margins, with_prefix, without_prefix
@@ -25,19 +25,8 @@ from .trial_failed import TrialFailed
 
 Boundaries = dict[str, Boundary | Surface]
 
-#: First step, in minimum members, and factor of the reach after one that is better
-_FIRST, _LONGER = 0.5, 1.2
-#: Share of what a step promises that it must bring to be better
-_PROMISED = 0.25
-#: Shortest step where the stress counts, in minimum members
-_NOISE = 0.06
-#: By which share of its violation a bound is tightened there, and at most
-_TIGHTENED, _TIGHTEST = 0.4, 0.08
-#: Share by which the result may miss a minimum radius before that is warned of
+#: Share by which the result may miss a minimum radius before that is warned of, as of other sizes
 _MISSED = 0.01
-#: Weight of the largest violation of bounds in the merit, which decides whether a step is taken; at
-#: least so many times the sum of their multipliers, beyond which a penalty is exact
-_OF_BOUNDS, _EXACT = 1.5, 1.5
 
 
 class CurveSteps(Iterator[Trial]):
@@ -70,8 +59,9 @@ class CurveSteps(Iterator[Trial]):
         self._mode_tolerance = mode_tolerance
         self._first_modes = {n: body.modes for n, body in descent.problem.flexible.items()}
         self._descent = descent
-        self._pace = descent.kind.pace
-        self._reach, self._weight, self._margin, self._secants = _FIRST, _OF_BOUNDS, 0.0, NONE
+        self._options = descent.kind.options
+        self._reach, self._weight = self._options.first, self._options.penalty
+        self._margin, self._secants = 0.0, NONE
         if state is None:
             self._begin(boundaries)
         else:
@@ -103,7 +93,7 @@ class CurveSteps(Iterator[Trial]):
             after, step, rejected = self._accepted(slopes)
             if after is not None:
                 break
-            self._reach = _FIRST
+            self._reach = self._options.first
         if after is None or step is None:
             raise StopIteration
         self._adapt(after, step)
@@ -128,7 +118,7 @@ class CurveSteps(Iterator[Trial]):
         if trial is not before:
             before.release()
             slopes = self._descent.slopes(trial, self._margin)
-            self._reach, self._secants = max(self._reach, self._pace.again), NONE
+            self._reach, self._secants = max(self._reach, self._options.reach_again), NONE
         before, slopes_before = trial, slopes
         trial, slopes = shifted(self._descent, trial, slopes, step.of_bounds, self._weight)
         if trial is not before:
@@ -140,15 +130,17 @@ class CurveSteps(Iterator[Trial]):
     def _accepted(self, slopes: Slopes) -> tuple[Trial | None, Step | None, int]:
         """The first trial that is accepted, its step, and how many were taken back."""
         stressed, rejected = self._descent.turn < math.inf, 0
-        while self._reach >= self._pace.shortest:
+        while self._reach >= self._options.shortest:
             step = self._descent.step(self.trial, slopes, self._reach, self._secants)
-            self._weight = max(self._weight, _EXACT * float(np.sum(step.of_bounds)))
+            self._weight = max(self._weight, self._options.penalty * float(np.sum(step.of_bounds)))
             after = self._descent.moved(self.trial, step)
             merits = [trial.merit(self._weight) for trial in (self.trial, self.best)]
-            if after is not None and not self._pace.worse(after.merit(self._weight), *merits):
+            if after is not None and not self._descent.kind.worse(
+                after.merit(self._weight), *merits
+            ):
                 return after, step, rejected
             # shorter steps change the largest stress less than another mesh does
-            if after is not None and stressed and self._reach <= _NOISE:
+            if after is not None and stressed and self._reach <= self._options.stress_reach:
                 return after, step, rejected
             self._reach, rejected = 0.5 * self._reach, rejected + 1
         return None, None, rejected
@@ -156,16 +148,21 @@ class CurveSteps(Iterator[Trial]):
     def _adapt(self, after: Trial, step: Step) -> None:
         """Choose the reach of the next step, and by how much bounds are tightened."""
         # one that brings little of what it promises by its curvature was too long
-        promised = _PROMISED * max(0.0, step.promised) if self._secants.size else 0.0
+        promised = (
+            self._options.promised_share * max(0.0, step.promised) if self._secants.size else 0.0
+        )
         better = after.merit(self._weight) < self.trial.merit(self._weight) - promised
-        self._reach = min(self._reach * (_LONGER if better else self._pace.shorter), LONGEST)
+        options = self._options
+        factor = options.longer if better else options.shorter
+        self._reach = min(self._reach * factor, options.longest)
         if self._descent.turn < math.inf:
-            self._reach = max(self._reach, _NOISE)
+            self._reach = max(self._reach, self._options.stress_reach)
             # the largest stress is always a little more than its slopes say
-            late = (
-                _TIGHTENED * after.violation if after.violation > FEASIBLE else -0.2 * self._margin
-            )
-            self._margin = min(self._margin + late, _TIGHTEST)
+            if after.violation > FEASIBLE:
+                self._margin += options.tightening * after.violation
+            else:
+                self._margin -= 0.5 * options.tightening * self._margin
+            self._margin = min(self._margin, options.largest_margin)
 
     def _check_modes(self) -> None:
         was_best = self.best is self.trial
@@ -177,7 +174,7 @@ class CurveSteps(Iterator[Trial]):
             else:
                 self.best = descent.tried(self.best.boundaries)
                 self.best.release()
-        self._reach = max(self._reach, self._pace.again)
+        self._reach = max(self._reach, self._options.reach_again)
 
     def _accurate(self, descent: Descent, trial: Trial) -> tuple[Descent, Trial, dict[str, float]]:
         return descent.accurate(trial, self._mode_tolerance, self._first_modes)
@@ -196,7 +193,7 @@ class CurveSteps(Iterator[Trial]):
             return False
         self._descent = replace(self._descent, spare=margins)
         self.trial = self.best = replace(self.best, spare=margins)
-        self._reach, self._secants = min(self._reach, 2.0 * _NOISE), NONE
+        self._reach, self._secants = min(self._reach, 2.0 * self._options.stress_reach), NONE
         return True
 
     def rank(self, trial: Trial) -> tuple[bool, float]:

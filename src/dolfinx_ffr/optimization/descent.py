@@ -18,7 +18,9 @@ from shapely.geometry.base import BaseGeometry
 
 from ..arrays import Array
 from ..boundary import (
+    CURVES,
     Boundary,
+    BoundaryOptions,
     InSpace,
     InThePlane,
     Kind,
@@ -42,17 +44,6 @@ from .trial_failed import TrialFailed, shaping, simulating
 #: By the dimension of the bodies
 _KINDS: dict[int, Kind[Any]] = {2: InThePlane(), 3: InSpace()}
 
-#: Longest step, and distance over which steps are smooth at least where the stress counts, in
-#: minimum members
-LONGEST, _SMOOTHER = 0.65, 2.4
-#: By how much stress is kept below its bounds where it is told: it differs as much from mesh to
-#: mesh
-_SPARED = 5e-3
-#: By which share a step lowers the largest stress, where that is the objective
-_LOWERED = 0.05
-#: Weight of the largest violation of sizes in the merit, which decides whether a step is taken:
-#: without it no step from a part with members that are too thin is better
-_OF_SIZES = 0.05
 #: Nothing is known by steps, as before the first one
 NONE = np.zeros((2, 0, 0))
 
@@ -69,6 +60,7 @@ class Trial:
     violations: dict[str, float]  #: Values of constraints by name, positive where they are violated
     spare: dict[str, float]  #: By how much more than to their bounds some of them are kept
     logarithm: SignedLog  #: By which psi is compared
+    size_penalty: float  #: Weight of the largest violated size in the merit
     warned: tuple[warnings.WarningMessage, ...] = ()  #: What was said while it was computed
 
     @property
@@ -109,7 +101,7 @@ class Trial:
         """Logarithm of psi, of any sign, and the largest violations with their weights."""
         rows = [*self.sizes.values(), *self.radii.values()]
         narrow = max((float(np.max(part.values, initial=0.0)) for part in rows), default=0.0)
-        return self.without_sizes(of_bounds) + _OF_SIZES * narrow
+        return self.without_sizes(of_bounds) + self.size_penalty * narrow
 
     def without_sizes(self, of_bounds: float) -> float:
         """The merit without sizes, which steps mend where a strut has gone."""
@@ -179,6 +171,11 @@ class Descent:
         """What its boundaries are."""
         return kind_of(self.problem)
 
+    @property
+    def options(self) -> BoundaryOptions:
+        """Numbers of the steps."""
+        return self.kind.options
+
     def point(
         self, problem: Problem, boundaries: Mapping[str, Boundary | Surface]
     ) -> dict[str, Array]:
@@ -231,7 +228,8 @@ class Descent:
         sizes = {name: self.kind.sizes(boundary) for name, boundary in boundaries.items()}
         radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
         geometric = sizes, radii, violations
-        return Trial(boundaries, problem, evaluation, *geometric, self.spare, logarithm)
+        penalty = self.options.size_penalty
+        return Trial(boundaries, problem, evaluation, *geometric, self.spare, logarithm, penalty)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial."""
@@ -275,7 +273,8 @@ class Descent:
         psi = trial.logarithm.slope(evaluation.psi) * along(evaluation.nodes)
         below, slopes_of_cases = self._cases_below(trial, evaluation, along)
         # no offset is longer than 1.5 times that of the step
-        rooms = {n: self.kind.room(b, 1.5 * LONGEST * b.member) for n, b in boundaries.items()}
+        longest = 1.5 * self.options.longest
+        rooms = {n: self.kind.room(b, longest * b.member) for n, b in boundaries.items()}
         geometric = (trial.sizes, trial.radii, rooms)
         values = [rows.values for by_body in geometric for rows in by_body.values()]
         rows = [*(row - psi for row in slopes_of_cases), *bounds]
@@ -317,15 +316,19 @@ class Descent:
         The curvature is what the ``earlier`` steps tell.
         """
         boundaries = trial.boundaries
-        smooth = max(self.kind.pace.smooth, _SMOOTHER if self.turn < math.inf else 0.0)
+        options = self.options
+        smooth = CURVES.smooth if self.turn < math.inf else options.smooth
         metrics = [b.shares.T @ b.metric(smooth * b.member) @ b.shares for b in boundaries.values()]
         is_held = [b.shares.T @ b.held > 0 for b in boundaries.values()]
         metric, is_held = csc_matrix(sparse_block_diag(metrics)), np.concatenate(is_held)
-        constraints, curved = (slopes.values, slopes.slopes), curvature(metric, earlier, slopes.psi)
+        constraints, curved = (
+            (slopes.values, slopes.slopes),
+            curvature(metric, earlier, slopes.psi, options.curvature_share),
+        )
         # round-off may decide which constraints a step is bounded by
         step = on_rank_0(
             ranks_of(self.problem),
-            lambda: best_step(metric, slopes.psi, *constraints, is_held, reach, curved),
+            lambda: best_step(metric, slopes.psi, *constraints, is_held, reach, curved, options),
         )
         offsets, start = {}, 0
         for name, boundary in boundaries.items():
@@ -348,7 +351,7 @@ class Descent:
         several = before.problem.combine.bounds and len(before.problem.load_cases) > 1
         if not motion.size or self.turn < math.inf or several:
             return NONE
-        return secants(earlier, motion, slopes.psi)
+        return secants(earlier, motion, slopes.psi, self.options.secants)
 
     def moved(self, trial: Trial, step: Step) -> Trial | None:
         """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
@@ -356,7 +359,7 @@ class Descent:
             with shaping():
                 moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
                 if self.turn == math.inf:  # a step along tangents misses sizes, and costs a value
-                    moved = {n: self.kind.mended(b, FEASIBLE, LONGEST) for n, b in moved.items()}
+                    moved = {n: self.kind.mended(b, FEASIBLE) for n, b in moved.items()}
             return self.tried(moved)
         except TrialFailed:
             return None
@@ -382,8 +385,10 @@ class Descent:
         """Boundaries on meshes that resolve notches or walls."""
         with shaping():
             fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
+        # stress differs as much from mesh to mesh
+        margin = 0.5 * self.options.stress_margin
         sizes = {n: size * (0.5 if self.turn < math.inf else 1.0) for n, size in self.sizes.items()}
-        spare, turn = of_stress(self.problem, _SPARED), STRESSED if self.turn < math.inf else TURN
+        spare, turn = of_stress(self.problem, margin), STRESSED if self.turn < math.inf else TURN
         return replace(self, turn=turn, sizes=sizes, spare=spare).tried(fine)
 
     def settled(self, trial: Trial) -> Trial:
@@ -428,16 +433,18 @@ class Step:
     promised: float  #: Fall of log psi by its slopes and the curvature that is known
 
 
-def parted(problem: MechanicalProblem, response: Response) -> MechanicalProblem:
+def parted(
+    problem: MechanicalProblem, response: Response, fall: float = CURVES.stress_fall
+) -> MechanicalProblem:
     """The problem with parts of its constraints, and with bounds on parts of a largest stress.
 
     Where that is the objective, the derivative of the mean over all lowers one place and raises
-    others: so each part is to become less than the largest by the share of a step.
+    others: so each part is to become less than the largest by a share, the ``fall`` of a step.
     """
     split = problem.parted(response)
     if not isinstance(problem.objective, PeakStress):
         return split
-    largest = (1.0 - _LOWERED) * value_of(problem.objective, response)
+    largest = (1.0 - fall) * value_of(problem.objective, response)
     bound = Constraint(problem.objective, upper=largest, name="objective: largest stress")
     return replace(split, constraints=[*split.constraints, *bound.parts(response)])
 

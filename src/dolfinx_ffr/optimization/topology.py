@@ -17,17 +17,6 @@ from ..reduction import Struts
 from .descent import Descent, Slopes, Trial
 from .trial_failed import TrialFailed, shaping
 
-#: Fall of log psi for which a strut is inserted, rise up to which an idle one goes, and the same
-#: where no step is better otherwise
-_WORTH, _GONE, _STUCK = 1e-3, 5e-4, 2e-3
-#: Least share of psi that a body's stiffness carries
-_STIFF = 0.1
-#: How often struts are inserted, and things go, between two steps
-_MOST = 8
-#: First slide of crossings, the slope of log psi at least for which it is tried, and the longest
-#: one, in minimum members
-_SLIDE, _SLOPE, _FARTHEST = 1.0, 1e-4, 4.0
-
 
 def changed(
     descent: Descent,
@@ -43,9 +32,9 @@ def changed(
     choose what is tried. The value decides: log psi with a ``weight`` of violated bounds. Where
     steps are ``stuck``, psi may rise by more.
     """
-    inserted, removed = 0, 0
+    options, inserted, removed = descent.kind.options, 0, 0
     struts = first_struts = _struts(descent, trial, evaluation, multipliers)
-    while inserted < _MOST:
+    while inserted < options.changes:
         better = _braced(descent, trial, struts, weight)
         if better is None:
             break
@@ -57,8 +46,9 @@ def changed(
         name: descent.kind.carried(trial.boundaries[name], body_struts)
         for name, body_struts in first_struts.items()
     }
-    rise = _STUCK if stuck else _GONE
-    for _ in range(_MOST):
+    # a simpler part may cost half of what a new strut must bring
+    rise = options.stuck_rise if stuck else 0.5 * options.worth
+    for _ in range(options.changes):
         trial, fewer = _simpler(descent, trial, carried, weight, rise)
         removed += fewer
         if not fewer:
@@ -84,7 +74,7 @@ def _struts(
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
         struts = body.struts(evaluation.bodies[name], bar)
-        if body.domain.sum(struts.carried) > _STIFF:
+        if body.domain.sum(struts.carried) > descent.kind.options.stiff:
             sensitivities[name] = struts
     return sensitivities
 
@@ -111,7 +101,10 @@ def _braced(
     for name, body_struts in struts.items():
         changes = descent.kind.braced(trial.boundaries[name], body_struts)
         for other, count in _evaluated(descent, trial, name, changes):
-            if other.without_sizes(weight) < trial.without_sizes(weight) - _WORTH:
+            if (
+                other.without_sizes(weight)
+                < trial.without_sizes(weight) - descent.kind.options.worth
+            ):
                 return other, count
             other.release()
     return None
@@ -164,14 +157,17 @@ def shifted(
         except TrialFailed:
             return None
 
-    slope = along(slopes)
-    lengths = np.where(np.abs(slope) > _SLOPE, -_SLIDE * np.sign(slope), 0.0)
+    options, slope = descent.kind.options, along(slopes)
+    # of crossings whose slide by a member would bring a tenth of what another change must
+    slides_on = np.abs(slope) > 0.1 * options.worth
+    lengths = np.where(slides_on, -options.slide * np.sign(slope), 0.0)
     first_slide = slid(lengths) if np.any(lengths) else None
     if first_slide is None:
         return trial, slopes
     slopes_there = descent.slopes(first_slide)
-    bends = (along(slopes_there) - slope) * lengths / _SLIDE**2
-    second = slid(-slope * (lengths != 0.0) / np.maximum(bends, np.abs(slope) / _FARTHEST + 1e-12))
+    bends = (along(slopes_there) - slope) * lengths / options.slide**2
+    least_bends = np.abs(slope) / options.slide_reach + 1e-12
+    second = slid(-slope * slides_on / np.maximum(bends, least_bends))
     best = min(trial, first_slide, second or trial, key=lambda each: each.without_sizes(weight))
     if best is second:
         return second, descent.slopes(second)
