@@ -15,9 +15,6 @@ import numpy as np
 import shapely
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.boundary_field import FieldOptions, FieldSpace, first_field
-from dolfinx_ffr.optimization.field_steps import FieldSteps
-from dolfinx_ffr.optimization.field_trial import FieldProblem
 from dolfinx_ffr.part import outline_violations
 
 STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
@@ -225,30 +222,18 @@ def moved(name: str, *, iterations: int = 25, steps: int = 8) -> dict[str, Any]:
     problem = part.problem(domain)
     full = problem.value(np.ones(domain.n_cells)).psi
     design = ffr.LevelSet(domain, minimum_member=part.member)
-    settings: dict[str, Any] = {"mode_tolerance": None, "progress": False, "boundary": 0}
-    result = ffr.optimize(problem, design, volume=part.volume, iterations=iterations, **settings)
+    settings: dict[str, Any] = {"mode_tolerance": None, "progress": False, "boundary": steps}
     begun = process_time()
-    material = problem.flexible["body"].material
-    rim, sizes = design.hole_rim, (design.minimum_member, design.minimum_gap)
-    space = FieldSpace.of(domain, *sizes, rim=rim, volume=part.volume, material=material)
-    enclosed = result.enclosed("body", tolerance=1e-2, resolution=4)
-    assert isinstance(enclosed, ffr.Part)
-    field = first_field(space, enclosed.polygon)
-    own = FieldProblem(problem, {"body": part.volume}, {}, FieldOptions())
-    taken = FieldSteps(own, own.trial({"body": field}), mode_tolerance=None)
-    for _ in zip(range(steps), taken, strict=False):
-        pass
-    best = taken.best
-    moved_part = best.fields["body"].part
-    thin, gap = moved_part.thinnest_member, moved_part.narrowest_gap
+    result = ffr.optimize(problem, design, volume=part.volume, iterations=iterations, **settings)
+    finished = result.part("body")
+    thin, gap = finished.thinnest_member, finished.narrowest_gap
     return {
-        "start": taken.history[0]["psi"] / full,
-        "psi": best.evaluation.psi / full,
-        "member": thin.value / sizes[0] if thin else np.inf,
-        "gap": gap.value / sizes[1] if gap else np.inf,
-        "sizes": best.size_violation,
-        "volume": moved_part.area / (part.volume * domain.area) - 1.0,
-        "outline": [each.message for each in outline_violations(moved_part, rim, part.member)],
+        "psi": result.final[1].psi / full,
+        "member": thin.value / design.minimum_member if thin else np.inf,
+        "gap": gap.value / design.minimum_gap if gap else np.inf,
+        "volume": finished.area / (part.volume * domain.area) - 1.0,
+        "feasible": result.feasible,
+        "outline": [v.message for v in outline_violations(finished, design.hole_rim, part.member)],
         "seconds": process_time() - begun,
     }
 

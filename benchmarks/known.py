@@ -303,7 +303,7 @@ def _ends(length: float) -> dict[str, Any]:
 
 
 def spinning_arm(
-    comm: MPI.Comm, progress: Progress, *, chi: float, least: str = "mass"
+    comm: MPI.Comm, progress: Progress, *, chi: float, least: str = "mass", iterations: int = 30
 ) -> dict[str, Any]:
     """Least mass of an arm that spins with an end mass, for a largest stress S; or the reverse.
 
@@ -338,7 +338,7 @@ def spinning_arm(
     ((given, (bounded, upper)),) = most.items()
     bound, method = ffr.Constraint(bounded, upper=upper), ffr.RadauIIA(1.0, steps=3)
     problem = ffr.Problem({"arm": body}, mechanism, method, objective, [bound])
-    row = optimised(problem, design, lambda result: result.psi / best, iterations=30)
+    row = optimised(problem, design, lambda result: result.psi / best, iterations=iterations)
     return {"case_text": f"spinning arm for a {given}, chi {chi:g}", **row}
 
 

@@ -29,7 +29,6 @@ boundary/derivative.py | 0.5 * bar[self._middles] | bar[self._middles] | boundar
 boundary/sizes.py | by_a -= 3.0 * | by_a -= 2.0 * | boundary/test_move_boundary.py
 boundary/step.py | inner + 0.5 * np.sum((inner | inner - 0.5 * np.sum((inner | boundary/test_step.py
 boundary/surface.py | kron(lines[0], lines[1]) | kron(lines[0], lines[0]) | boundary/test_surface.py
-boundary_field/sizes.py | diags(2.0 * (yy | diags((yy | boundary_field
 design/density_filter.py | 1.0 - np.tanh(self.beta * (means | 1.0 + np.tanh(self.beta * (means | design/test_density_filter.py
 design/dimensions.py | ends[0][k] - ends[1][k] | ends[0][k] - center[k] | design/test_dimensions.py
 design/level_set.py | OPTIONS.weight * ramp * late | OPTIONS.weight * late | design/test_level_set.py optimization/test_mma.py
@@ -65,7 +64,7 @@ optimization/level_set_evolution.py | size=SHRINK * state.size | size=state.size
 optimization/moving_asymptotes.py | -lagrangian * up | lagrangian * up | optimization/test_moving_asymptotes.py
 optimization/moving_asymptotes.py | 0.25 * curvature * reach - 0.5 * np.abs(gradients) | 0.25 * curvature * reach | optimization/test_moving_asymptotes.py optimization/test_mma.py
 part/export.py | (scale * v for v in | (v for v in | part/test_export.py
-part/part.py | before[:, 0] * after[:, 1] - | before[:, 0] * after[:, 1] + | part/test_part.py part/test_asked_sizes.py
+part/part.py | bent = (angle < 0.0) | bent = (angle > 0.0) | part/test_part.py part/test_asked_sizes.py
 part/solid.py | (a + b + c) / 4.0 | (a + b + c) / 3.0 | part/test_solid.py
 problem/bodies.py | gradient + bars.densities[name] | gradient | objective/test_density_objectives.py
 problem/load_cases.py | sum(scaled[1:], scaled[0]) | sum(scaled[2:], scaled[0]) | test_several_load_cases.py

@@ -193,7 +193,6 @@ def test_one_body_under_two_names(comm: MPI.Intracomm) -> None:
         assert total == pytest.approx(slope, rel=1e-8)
 
 
-@pytest.mark.mpi
 def test_steps_are_chosen_where_an_integrator_is_set(comm: MPI.Intracomm) -> None:
     """As where a problem is made; an objective that needs no motion leaves them open."""
     problem = reference_problem(comm, (10, 2), steps=300)
@@ -207,7 +206,6 @@ def test_steps_are_chosen_where_an_integrator_is_set(comm: MPI.Intracomm) -> Non
     assert evaluation.trajectory.integrator == problem.integrator
 
 
-@pytest.mark.mpi
 def test_few_frames_lie_in_between(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     """Six each way, so that a traceback and a profile show the chain and nothing else."""
     problem = reference_problem(comm, (10, 2), steps=300)

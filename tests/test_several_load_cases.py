@@ -287,7 +287,6 @@ def test_bad_load_cases(
         ffr.Problem.of_load_cases(rod, load_cases, combine)
 
 
-@pytest.mark.mpi
 def test_power_mean_refuses_what_has_none(comm: MPI.Intracomm) -> None:
 
     problem = slider_crank(comm, (10, 2), modes=2)
@@ -315,7 +314,6 @@ def test_parts_of_several_load_cases_are_asked_for_by_name(comm: MPI.Intracomm) 
 
 
 @pytest.mark.slow
-@pytest.mark.mpi
 def test_modes_errors_and_tolerances_of_several_load_cases(comm: MPI.Intracomm) -> None:
     """What is offered for one load case works for several, and says the same of one as of two."""
     problem = three_load_cases(comm, ffr.WeightedSum(WEIGHTS), modes=2)

@@ -20,13 +20,12 @@ from dolfinx_ffr.fem import _compat, fit_circle
 from dolfinx_ffr.io import on_rank_0
 from dolfinx_ffr.verification import convergence_order
 
-pytestmark = pytest.mark.mpi
-
 ROD = ConnectingRod()
 AREA = area_of(ROD)
 RINGS = np.pi * sum((b + r) ** 2 - b**2 for b, r in zip(ROD.bores, ROD.rings, strict=True))
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize(("order", "expected"), [(1, 2.0), (2, 4.0)])
 def test_area_converges_to_the_closed_form(comm: MPI.Comm, order: int, expected: float) -> None:
     """Straight cells cut curves off in the second order, curved ones in the fourth."""
@@ -69,6 +68,7 @@ def test_impossible_dimensions(change: dict[str, object], message: str) -> None:
         ConnectingRod(**change)
 
 
+@pytest.mark.mpi
 def test_impossible_sizes(comm: MPI.Comm) -> None:
     """An error on rank 0 is raised everywhere, and gmsh is closed again."""
     with pytest.raises(ValueError, match="size = -1"):
@@ -119,6 +119,7 @@ ORDERS = {
 }
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("from_file", [True, False])
 @pytest.mark.parametrize("numbers", ORDERS.values(), ids=ORDERS)
 def test_groups_are_found_by_name(
@@ -152,6 +153,7 @@ def drawn_alone() -> None:
     gmsh.model.mesh.clear()
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("build", "message"),
     [
@@ -166,6 +168,7 @@ def test_unusable_models(comm: MPI.Comm, build: Callable[[], None], message: str
         Domain.from_gmsh_model(comm, gmsh.model if comm.rank == 0 else None)
 
 
+@pytest.mark.mpi
 def test_folded_curved_cell(comm: MPI.Comm) -> None:
     """A curved cell whose middle node has gone astray is refused."""
     domain = ROD.domain(comm, 0.012).mesh
@@ -213,6 +216,7 @@ def test_what_is_not_round(comm: MPI.Comm) -> None:
     assert fit_circle(np.column_stack([np.cos(angles), 1.01 * np.sin(angles)])) is None
 
 
+@pytest.mark.mpi
 def test_bearing_moves_about_its_center(comm: MPI.Comm) -> None:
     """The marker of a bore, in empty space, has the motion of the whole bore."""
     domain = ROD.domain(comm, 0.006)

@@ -263,16 +263,16 @@ def test_design_in_space_on_any_number_of_ranks(
     demo = request.getfixturevalue("undrawn" if several else "demo")
     for name in ("animate_motion", "plot_scene"):
         monkeypatch.setattr(plotting, name, lambda *_, **__: None)
-    small = ["--elements", "16", "4", "4", "--steps", "200", "--iterations", "4"]
+    small = ["--elements", "12", "3", "3", "--steps", "200", "--iterations", "2"]
     out = demo("spatial_slider_crank", *small, "--boundary", "0")
     assert_left(out, "design.xdmf", "solid.stl")
     if not several:
         return assert_left(out, "design.png", "solid.png", "stress.png", "report.html")
-    problem = spatial_problem(MPI.COMM_SELF, (16, 4, 4), steps=200)
+    problem = spatial_problem(MPI.COMM_SELF, (12, 3, 3), steps=200)
     with warnings.catch_warnings():  # no good design in so few iterations
         warnings.simplefilter("ignore")
         levelset = ffr.LevelSet(problem.flexible["rod"].domain)
-        serial_result = ffr.optimize(problem, levelset, volume=0.5, iterations=4, progress=False)
+        serial_result = ffr.optimize(problem, levelset, volume=0.5, iterations=2, progress=False)
     assert summary(out)["compliance_final"] == pytest.approx(serial_result.psi, rel=1e-6)
 
 

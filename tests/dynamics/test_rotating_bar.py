@@ -56,7 +56,7 @@ def test_tip_under_the_load_of_the_undeformed_bar(comm: MPI.Intracomm, cell: str
     np.testing.assert_allclose(tip, [LOAD_ONLY, 0.0], rtol=1e-6, atol=1e-6 * LOAD_ONLY)
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", pytest.param("triangle", marks=pytest.mark.mpi)])
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_tip_in_steady_motion(comm: MPI.Intracomm, cell: str) -> None:
     """Started in the steady state, the simulated bar stays there, with the stress of the bar."""
     body = bar(comm, cell)

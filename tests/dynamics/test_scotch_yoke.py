@@ -65,7 +65,7 @@ def test_rigid_yoke_follows_the_cosine() -> None:
     "objective",
     [
         ffr.IntegralCompliance(),
-        pytest.param(ffr.JointForce("slot", power=4.0), marks=pytest.mark.mpi),
+        ffr.JointForce("slot", power=4.0),
         ffr.PathTracking("rod", "right", (lambda t: PIN.x.value(t) + LENGTH, 0.0)),
     ],
     ids=["compliance", "force", "path"],

@@ -53,7 +53,6 @@ def test_half_the_body_is_void(comm: MPI.Intracomm, floor: float) -> None:
     assert psi == pytest.approx(other.value(strip).psi, rel=10.0 * stiffer)
 
 
-@pytest.mark.mpi
 def test_many_modes_beside_void(comm: MPI.Intracomm) -> None:
     """Void has next to no mass; what a hundred modes move there is no more than its motion is."""
     problem = reference_problem(comm, (50, 5), modes=100, steps=300)

@@ -72,7 +72,6 @@ def test_taylor_order_as_objective_and_as_constraint(
     check_gradient(problem, x, direction, taylor=4e-3, roundoff=1e-14)
 
 
-@pytest.mark.mpi
 def test_nothing_is_simulated_for_densities(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -94,7 +93,6 @@ def test_nothing_is_simulated_for_densities(
     np.testing.assert_allclose(evaluation.gradient["coupler"], volume[1], rtol=1e-14)
 
 
-@pytest.mark.mpi
 def test_elements_one_by_one_see_the_densities(comm: MPI.Intracomm) -> None:
     problem = four_bar(comm, ffr.IntegralCompliance() + 1e-3 * Grayness("rocker"))
     x = waves(problem)

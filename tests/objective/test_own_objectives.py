@@ -20,8 +20,6 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import TrajectoryBar
 from dolfinx_ffr.objective import marker_derivatives
 
-pytestmark = pytest.mark.mpi
-
 NO_NUMBERS = [math.nan, -math.inf, 1j, None, "1.0", np.ones(2), [1.0]]
 
 
@@ -68,6 +66,7 @@ PLACES = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.mpi
 @PLACES
 @pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
 def test_values_that_are_no_numbers(comm: MPI.Intracomm, value: Any, as_constraint: bool) -> None:
@@ -102,6 +101,7 @@ def of_marker(response: ffr.Response) -> ffr.Derivatives:
     return ffr.Derivatives(integrals={"rod": replace(zeros, markers=broken)})
 
 
+@pytest.mark.mpi
 @PLACES
 @pytest.mark.parametrize(
     ("derivatives", "said"),
@@ -208,6 +208,7 @@ class OfAnother:
         return replace(derivatives, gradient=self.values(derivatives.gradient)), reports
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("values", "said"),
     [
@@ -276,6 +277,7 @@ def test_own_objectives_of_a_marker(comm: MPI.Intracomm) -> None:
         marker_derivatives(response, "rod", "tip", velocity=np.zeros(2))
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("part", ["trajectory", "integrals"])
 def test_derivatives_that_differ_between_ranks(comm: MPI.Intracomm, part: str) -> None:
     class Differing(Way):

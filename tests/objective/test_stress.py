@@ -113,7 +113,6 @@ def test_the_mean_of_the_stress_that_is_reported(
     assert 0.2 * largest < evaluation.psi < largest
 
 
-@pytest.mark.mpi
 def test_stress_clear_of_interfaces_and_in_ranges(comm: MPI.Intracomm) -> None:
     """What is beside an interface does not count, and the largest of the ranges is that of all."""
     peak = ffr.PeakStress("rod")
@@ -249,17 +248,13 @@ PLAIN_9 = ffr.PeakStress("rod", 9.0, 0.0, False)
             )
         ),
         ("quadrilateral", 1, ffr.PlaneStress, FIXED, ffr.PeakStress("rod")),
-        pytest.param(
-            *("quadrilateral", 2, ffr.PlaneStress, ADAPTIVE, ffr.PeakStress("rod", scale=1.7)),
-            marks=pytest.mark.mpi,
-        ),
+        ("quadrilateral", 2, ffr.PlaneStress, ADAPTIVE, ffr.PeakStress("rod", scale=1.7)),
         ("triangle", 1, ffr.PlaneStress, FIXED, ffr.PeakStress("rod", 8.0, 1.0)),
-        pytest.param(
+        (
             *("triangle", 1, ffr.PlaneStrain, FIXED),
             2.0 * ffr.PeakStress("rod")
             + 1e8 * ffr.IntegralCompliance()
             + 3.0 * ffr.PeakStress("rod", correction=False),
-            marks=pytest.mark.mpi,
         ),
     ],
 )
@@ -324,7 +319,6 @@ def test_void_has_no_stress_and_no_derivative(comm: MPI.Intracomm) -> None:
     assert gradient is not None and np.all(np.isfinite(gradient["rod"]))
 
 
-@pytest.mark.mpi
 def test_calibrated_at_a_design(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     """Objective, sum and constraint equal the largest stress there, and near to it elsewhere."""
     peak = ffr.PeakStress("rod")
@@ -411,7 +405,6 @@ def arm(comm: MPI.Intracomm, modes: int) -> ffr.Problem:
     return ffr.Problem({"arm": body}, mechanism, steps, ffr.PeakStress("arm", 4.0))
 
 
-@pytest.mark.mpi
 def test_stress_follows_the_modes_left_out(comm: MPI.Intracomm) -> None:
     """With two modes the corrected stress is near that of many, and its gradient is exact."""
     problem, many = arm(comm, 2), arm(comm, 30)

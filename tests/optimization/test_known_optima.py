@@ -51,10 +51,11 @@ def test_the_highest_frequency_of_a_published_beam() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("chi", "least"), [(0.75, "mass"), (0.75, "stress")])
-def test_an_arm_of_least_mass_for_a_stress_or_the_reverse(chi: float, least: str) -> None:
+@pytest.mark.parametrize(("least", "iterations"), [("mass", 30), ("stress", 12)])
+def test_an_arm_of_least_mass_for_a_stress_or_the_reverse(least: str, iterations: int) -> None:
     """By one mean of the stress the mass ends 6 % above the optimum, and the stress as much."""
-    assert 1.0 <= reached("spinning_arm", chi=chi, least=least)["ours"] <= 1.01
+    arm = reached("spinning_arm", chi=0.75, least=least, iterations=iterations)
+    assert 1.0 <= arm["ours"] <= 1.01
 
 
 @pytest.mark.slow

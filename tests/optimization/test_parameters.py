@@ -129,7 +129,6 @@ SCENES = {
 }
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("scene", SCENES.values(), ids=list(SCENES))
 def test_derivatives_beside_densities(comm: MPI.Comm, scene: Any) -> None:
     """By each parameter as by differences; by all and densities together the Taylor test."""

@@ -29,7 +29,6 @@ def too_few(problem: ffr.Problem) -> ffr.Problem:
     return problem.with_integrators(dict.fromkeys(problem.load_cases, method))
 
 
-@pytest.mark.mpi
 def test_steps_do_for_any_density(comm: MPI.Intracomm, capfd: pytest.CaptureFixture[str]) -> None:
     problem = problem_of(comm)
     said = capfd.readouterr().err

@@ -81,7 +81,6 @@ def test_all_gradients_of_one_simulation(comm: MPI.Comm, monkeypatch: pytest.Mon
     assert not volume.gradient["rocker"].any()
 
 
-@pytest.mark.mpi
 def test_mechanism_from_files_is_the_same(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     """Arrays saved from the reduced bodies give the same numbers without any mesh.
 

@@ -75,7 +75,7 @@ def test_all_elements_selected_is_exact(comm: MPI.Comm) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kernel",
-    [pytest.param(ffr.ExponentialSpline(0.1), marks=pytest.mark.mpi), ffr.ThinPlate()],
+    [ffr.ExponentialSpline(0.1), ffr.ThinPlate()],
     ids=lambda kernel: type(kernel).__name__,
 )
 def test_more_elements_less_error(comm: MPI.Comm, kernel: ffr.rbf.Kernel) -> None:
@@ -120,7 +120,6 @@ def test_same_on_any_number_of_ranks(comm: MPI.Comm) -> None:
     assert estimate == pytest.approx(alone[3], rel=1e-6)
 
 
-@pytest.mark.mpi
 def test_errors_of_a_gradient(comm: MPI.Comm) -> None:
     """Closed forms: scaled, turned and locally wrong gradients."""
     domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(10, 4))

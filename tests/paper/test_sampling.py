@@ -16,8 +16,6 @@ from scipy.spatial import cKDTree
 from dolfinx_ffr import Domain
 from dolfinx_ffr.paper import GradientElements
 
-pytestmark = pytest.mark.mpi
-
 LENGTH, HEIGHT = 0.4, 0.08
 
 
@@ -67,6 +65,7 @@ SELECTIONS = [
 ]
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("elements", SELECTIONS, ids=repr)
 @pytest.mark.parametrize("kind", ["quadrilateral", "triangle", "gmsh"])
 def test_ranks_do_not_matter(comm: MPI.Comm, kind: str, elements: GradientElements) -> None:
@@ -183,6 +182,7 @@ def test_mesh_does_not_matter(comm: MPI.Comm, kind: str) -> None:
     assert share[0] == pytest.approx(share[1], rel=0.15)
 
 
+@pytest.mark.mpi
 def test_a_rank_may_have_no_cells(comm: MPI.Comm) -> None:
     corners = [np.zeros(2), np.array([2.0, 1.0])]
     two_cells = mesh.create_rectangle(comm, corners, [2, 1], mesh.CellType.quadrilateral)

@@ -16,8 +16,6 @@ import pyvista
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
 
-pytestmark = pytest.mark.mpi
-
 WEIGHTLESS = SimpleNamespace(thickness=0.01, out_of_plane=0.0, on=lambda domain: None)
 
 
@@ -32,6 +30,7 @@ def whole(comm: MPI.Comm, dimension: int, material: Any = None) -> ffr.Part | ff
     return kind(body(comm, dimension), lambda x: np.ones(len(x)), material=material)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_volume_and_mass(comm: MPI.Comm, dimension: int) -> None:
     """Of a plate and of a block, both of 16 litres."""
@@ -77,6 +76,7 @@ def test_of_a_design(comm: MPI.Comm, dimension: int) -> None:
         other.of(design, design.even(1.0))
 
 
+@pytest.mark.mpi
 def test_files_of_a_solid(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """In millimetres, as slicers take them, or in metres; the solid itself stays in metres."""
     solid = whole(comm, 3)

@@ -20,8 +20,6 @@ from dolfinx_ffr import Solid
 from dolfinx_ffr.fem import Tetrahedra, _compat
 from dolfinx_ffr.part import ball_widths
 
-pytestmark = pytest.mark.mpi
-
 
 @pytest.fixture(autouse=True)
 def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,6 +60,7 @@ def full(x: np.ndarray) -> np.ndarray:
     return np.ones(len(x))
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_block_with_a_cavity(comm: MPI.Comm, cell: str) -> None:
     """A round cavity: closed, turned outwards, the volume right to the square of the mesh size."""
@@ -88,6 +87,7 @@ def test_block_with_a_cavity(comm: MPI.Comm, cell: str) -> None:
     assert errors[1] < 0.4 * errors[0]
 
 
+@pytest.mark.mpi
 def test_pieces(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """A piece that nothing holds is left out and said, and the rest is written and read back."""
     domain = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(16, 4, 4), solid_layers=1)
@@ -170,6 +170,7 @@ def test_gap_between_two_edges(comm: MPI.Comm) -> None:
     assert measured.value == pytest.approx(0.4 * np.sqrt(2.0), abs=0.125)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("finer", [0, 1, 3])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_meshes_have_the_interfaces_and_regions(comm: MPI.Comm, cell: str, finer: int) -> None:
@@ -196,6 +197,7 @@ def test_meshes_have_the_interfaces_and_regions(comm: MPI.Comm, cell: str, finer
         assert part.extent == pytest.approx(before.extent, rel=1e-12)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("turned", [False, True])
 def test_long_cells_are_cut_along_their_length(comm: MPI.Comm, turned: bool) -> None:
     """If cells that meet have the same axes: else sides that they share would be divided twice."""
@@ -222,6 +224,7 @@ def test_long_cells_are_cut_along_their_length(comm: MPI.Comm, turned: bool) -> 
         assert np.sum(count == 1) == 2 * (2 * 4 + 8 * 4 if turned else 2 + 8 * 4)
 
 
+@pytest.mark.mpi
 def test_a_bore_is_found_again(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """Finer meshes are rounder: their nodes are on the cylinder, of which the axis is found."""
     path = shared_tmp_path / "block.msh"
@@ -242,6 +245,7 @@ def test_a_bore_is_found_again(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     np.testing.assert_allclose(radii, 0.1, rtol=1e-6)
 
 
+@pytest.mark.mpi
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:reduction. modes")
 def test_psi_of_a_mesh_of_its_own(comm: MPI.Comm) -> None:

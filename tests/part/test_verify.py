@@ -311,7 +311,6 @@ def test_a_part_of_more_volume_than_is_allowed(comm: MPI.Comm) -> None:
     assert result.bounds == {"rod": 1.0} and result.feasible
 
 
-@pytest.mark.mpi
 def test_bodies_whose_names_are_no_file_names(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """None is lost, and none is written outside of the folder; the report finds each."""
     scene = slider_crank(comm, (10, 2), modes=1, steps=200)

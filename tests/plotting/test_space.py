@@ -16,8 +16,6 @@ from spatial_slider_crank import spatial_problem
 import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting import animate_motion, plot_design, plot_modes, plot_scene, plot_stress
 
-pytestmark = pytest.mark.mpi
-
 
 @pytest.mark.slow
 def test_pictures_of_a_body(comm: MPI.Comm, shared_tmp_path: Path) -> None:
@@ -42,6 +40,7 @@ def test_pictures_of_a_body(comm: MPI.Comm, shared_tmp_path: Path) -> None:
         assert np.mean(np.ptp(image, axis=2) > 0.3) > 1e-3
 
 
+@pytest.mark.mpi
 @pytest.mark.slow
 def test_pictures_of_a_motion(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """A rod between a crank and a slider, skew to each other: something moves, and is in colour."""

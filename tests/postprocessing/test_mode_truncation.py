@@ -68,7 +68,6 @@ def test_error_of_eight_modes_of_a_truss(comm: MPI.Intracomm, patch: float) -> N
     assert f"{len(local.numbers)} of 8 normal modes of body 'rod'" in str(warning.message)
 
 
-@pytest.mark.mpi
 def test_modes_of_an_even_thin_body_are_not_local(comm: MPI.Intracomm) -> None:
     """What is thin everywhere is the body itself."""
     problem = reference_problem(comm, (24, 4), modes=4, steps=100)
@@ -110,7 +109,6 @@ def test_without_a_motion_there_is_no_error(comm: MPI.Intracomm) -> None:
             call(problem, evaluation)
 
 
-@pytest.mark.mpi
 def test_modes_for_an_accuracy(comm: MPI.Intracomm) -> None:
     """The chosen number keeps the accuracy; one chosen for less accuracy is smaller."""
     problem = reference_problem(comm, (60, 6), modes=14, steps=400)

@@ -25,8 +25,6 @@ from dolfinx_ffr.postprocessing import StressModes
 from dolfinx_ffr.reduction import ReducedBody
 from dolfinx_ffr.verification import convergence_order
 
-pytestmark = pytest.mark.mpi
-
 Array = np.ndarray
 
 
@@ -58,6 +56,7 @@ def largest(comm: MPI.Intracomm, values: Array) -> float:
     return float(comm.allreduce(float(np.max(np.abs(values), initial=0.0)), MPI.MAX))
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 @pytest.mark.parametrize("law", [ffr.PlaneStress, ffr.PlaneStrain])
@@ -182,6 +181,7 @@ def test_time_of_the_worst_stress(comm: MPI.Intracomm) -> None:
     np.testing.assert_array_equal(worst.time, evaluation.trajectory.t[worst.step])
 
 
+@pytest.mark.mpi
 def test_worst_is_the_largest_of_all_instants(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -211,6 +211,7 @@ def test_worst_is_the_largest_of_all_instants(
     assert np.all(worst.stress[~worst.solid] == 0.0) and np.all(worst.stress[worst.solid] > 0.0)
 
 
+@pytest.mark.mpi
 def test_the_same_stress_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
     """All ranks together find what one finds alone, also after another design was reduced."""
     fields = []
@@ -251,6 +252,7 @@ def test_picture_of_the_stress(comm: MPI.Intracomm, shared_tmp_path: Path) -> No
         assert blue[2] > blue[0] + 40.0 and red[0] > red[2] + 40.0
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("kind", ["quadrilateral", "triangle", "curved"])
 def test_fields_for_paraview(comm: MPI.Intracomm, shared_tmp_path: Path, kind: str) -> None:
     """Names, cells and values stand where the format wants them, for meshes of both orders."""

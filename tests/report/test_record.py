@@ -102,7 +102,6 @@ def test_warnings_are_listed_once_and_shown() -> None:
     assert len(messages) == 2
 
 
-@pytest.mark.mpi
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*is gray, neither void nor solid")
 def test_record_and_page_of_several_load_cases(comm: MPI.Comm, shared_tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, PathPatch, Rectangle
 from matplotlib.path import Path as Outline
-from shapely import get_coordinates, get_parts
+from shapely import Polygon, get_coordinates, get_parts
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
@@ -70,13 +69,8 @@ def outline_path(shape: BaseGeometry) -> Outline:
     """Boundary of polygons as one path."""
     polygons = [orient(polygon) for polygon in get_parts(shape)]
     rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
-    return _path([get_coordinates(ring) for ring in rings])
-
-
-def _path(rings: Sequence[Array]) -> Outline:
-    """Closed rings as one path."""
-    closed = [r if np.array_equal(r[0], r[-1]) else np.vstack([r, r[:1]]) for r in rings]
-    return Outline.make_compound_path(*(Outline(ring, closed=True) for ring in closed))
+    paths = [Outline(get_coordinates(ring), closed=True) for ring in rings]
+    return Outline.make_compound_path(*paths)
 
 
 def _facts(part: Part) -> str:
@@ -91,7 +85,8 @@ def _facts(part: Part) -> str:
     if part.web and part.material is not None:
         facts.append(f"web {1e3 * part.web * part.thickness:.3g} mm")
     if part.loose:
-        facts.append(f"{len(part.loose)} loose left out")
+        count = len(part.loose)
+        facts.append(f"{count} loose piece{'s' * (count != 1)} left out, hatched in red")
     return "   ".join(facts)
 
 
@@ -102,17 +97,19 @@ def _draw(axes: Axes, part: Part, body: DrawnMesh, window: tuple[Array, Array]) 
     axes.spines[:].set_visible(False)
     dashes: dict[str, Any] = {"colors": style.GRAY, "linewidths": 0.8, "linestyles": "dashed"}
     axes.add_collection(LineCollection(body.points[body.outline], **dashes))
-    resolution = 0.2 * part.accuracy
-    rings = [polygon(loop, resolution) for loops in part.outlines for loop in loops]
-    axes.add_patch(PathPatch(_path(rings), facecolor=STEEL, edgecolor=style.DARK))
+
+    def add_area(shape: BaseGeometry, **look: Any) -> None:
+        axes.add_patch(PathPatch(outline_path(shape), **look))
+
+    add_area(part.polygon, facecolor=STEEL, edgecolor=style.DARK)
     for floor in part.floors:
-        axes.add_patch(PathPatch(outline_path(floor), facecolor=WEB, edgecolor=style.DARK))
+        add_area(floor, facecolor=WEB, edgecolor=style.DARK)
     for piece in part.loose:
-        outline = _path([polygon(loop, resolution) for loop in piece.outline])
-        axes.add_patch(PathPatch(outline, facecolor="none", edgecolor=style.RED, hatch="////"))
+        outer, *holes = (polygon(loop, part.accuracy) for loop in piece.outline)
+        add_area(Polygon(outer, holes), facecolor="none", edgecolor=style.RED, hatch="////")
     for name, color in style.accents(part.body.interfaces).items():
         for curve in part.interface(name):
-            axes.plot(*curve.points(resolution).T, color=color, lw=4.0)
+            axes.plot(*curve.points(part.accuracy).T, color=color, lw=4.0)
 
 
 def _draw_detail(
@@ -142,9 +139,13 @@ def _draw_detail(
     frame = Rectangle(corner, *(opposite - corner), fill=False, ec=style.DARK, lw=0.9, zorder=3.0)
     overview.add_patch(frame)
     # windows in the same place still have their letters in different corners
-    x, side = (corner[0], "left") if letter == "A" else (opposite[0], "right")
-    look: dict[str, Any] = {"ha": side, "va": "top", "fontweight": "bold", "bbox": style.LABEL}
-    overview.text(x, opposite[1], letter, zorder=3.0, **look)
+    x, y, *sides = (
+        (corner[0], opposite[1], "left", "top")
+        if letter == "A"
+        else (opposite[0], corner[1], "right", "bottom")
+    )
+    look: dict[str, Any] = {"fontweight": "bold", "bbox": style.LABEL, "zorder": 3.0}
+    overview.text(x, y, letter, ha=sides[0], va=sides[1], **look)
 
 
 def _draw_dimension(axes: Axes, width: Width, reach: float) -> None:

@@ -112,17 +112,17 @@ def fit_height(figure: Figure, panels: Sequence[Axes]) -> None:
     """Make a figure with panels of equal scales as high as they need; before, it is too high."""
     figure.draw_without_rendering()
     renderer = figure.canvas.get_renderer()
-    rows: dict[int, list[tuple[float, float]]] = {}
-    for axes in panels:
-        row = axes.get_subplotspec().rowspan.start
-        with_texts = axes.get_tightbbox(renderer).height
-        rows.setdefault(row, []).append((axes.bbox.height, with_texts))
-    heights = np.array([np.max(rows[row], axis=0) for row in sorted(rows)])
-    panels[0].get_gridspec().set_height_ratios(heights[:, 0])
+    rows = [axes.get_subplotspec().rowspan.start for axes in panels]
+    heights, heights_with_texts = np.zeros((2, max(rows) + 1))
+    np.maximum.at(heights, rows, [axes.bbox.height for axes in panels])
+    with_texts = [axes.get_tightbbox(renderer).height for axes in panels]
+    np.maximum.at(heights_with_texts, rows, with_texts)
+    panels[0].get_gridspec().set_height_ratios(heights)
+
     color_bars = [axes.get_tightbbox(renderer) for axes in figure.axes if axes not in panels]
-    texts = [*color_bars, *(text.get_window_extent(renderer) for text in figure.texts)]
-    pixels = np.sum(heights[:, 1]) + sum(box.height for box in texts)
-    pads = 2 * (len(heights) + len(texts)) * _PAD
+    others = [*color_bars, *(text.get_window_extent(renderer) for text in figure.texts)]
+    pixels = np.sum(heights_with_texts) + sum(box.height for box in others)
+    pads = 2 * (len(heights) + len(others)) * _PAD
     figure.set_figheight(float(pixels) / figure.dpi + pads)
 
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -171,17 +170,16 @@ def _say(*words: object, sep: str = " ") -> None:
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
     """Context in which warnings are lines without a place in the code, of rank 0 alone."""
-    usual = warnings.showwarning
+    usual = warnings.formatwarning
 
-    def plain(message: Warning | str, *_: Any, **__: Any) -> None:
-        if COMM.rank == 0:
-            print(f"warning: {message}", file=sys.stderr, flush=True)
+    def plain(message: Warning | str, *_: Any, **__: Any) -> str:
+        return f"warning: {message}\n" if COMM.rank == 0 else ""
 
-    warnings.showwarning = plain
+    warnings.formatwarning = plain
     try:
         yield
     finally:
-        warnings.showwarning = usual
+        warnings.formatwarning = usual
 
 
 def _sizes(problem: Problem) -> str:
