@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Eight drawn parts with bores, on which boundaries are moved: `python drawn.py [NAME ...]`."""
+"""Drawn parts with bores, on which boundaries are moved; a table of the study `boundary`."""
 
-import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,11 +12,9 @@ from mpi4py import MPI
 
 import numpy as np
 import shapely
+from jobs import Progress
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.boundary_field import FieldOptions, FieldSpace, first_field
-from dolfinx_ffr.optimization.field_steps import FieldSteps
-from dolfinx_ffr.optimization.field_trial import FieldProblem
 from dolfinx_ffr.part import outline_violations
 
 STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
@@ -214,46 +211,53 @@ PARTS: dict[str, Any] = {
 }
 
 
-def moved(name: str, *, iterations: int = 25, steps: int = 8) -> dict[str, Any]:
-    """A part after a short run of a level set and some steps of its boundary.
+def moved(
+    comm: MPI.Comm, progress: Progress, *, name: str, iterations: int = 25, steps: int = 8
+) -> dict[str, Any]:
+    """A part after a short run of a level set and some steps of its boundary, on one rank.
 
-    Psi is relative to the full body, sizes to what was asked for; rows are below zero where a
-    volume or a drawing is kept.
+    Psi is relative to the full body, sizes and the volume to what was asked for.
     """
     part = PARTS[name]()
-    domain = part.domain(MPI.COMM_SELF)
+    domain = part.domain(comm)
     problem = part.problem(domain)
-    full = problem.value(np.ones(domain.n_cells)).psi
     design = ffr.LevelSet(domain, minimum_member=part.member)
-    settings: dict[str, Any] = {"mode_tolerance": None, "progress": False, "boundary": 0}
-    result = ffr.optimize(problem, design, volume=part.volume, iterations=iterations, **settings)
-    begun = process_time()
-    material = problem.flexible["body"].material
-    rim, sizes = design.hole_rim, (design.minimum_member, design.minimum_gap)
-    space = FieldSpace.of(domain, *sizes, rim=rim, volume=part.volume, material=material)
-    enclosed = result.enclosed("body", tolerance=1e-2, resolution=4)
-    assert isinstance(enclosed, ffr.Part)
-    field = first_field(space, enclosed.polygon)
-    own = FieldProblem(problem, {"body": part.volume}, {}, FieldOptions())
-    taken = FieldSteps(own, own.trial({"body": field}), mode_tolerance=None)
-    for _ in zip(range(steps), taken, strict=False):
-        pass
-    best = taken.best
-    moved_part = best.fields["body"].part
+    clock = [process_time()]
+
+    def callback(iteration: int, *_: Any) -> None:
+        progress(0.5 * iteration / iterations)
+        clock.append(process_time())
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = ffr.optimize(
+            problem,
+            design,
+            volume=part.volume,
+            iterations=iterations,
+            boundary=steps,
+            mode_tolerance=None,
+            progress=False,
+            callback=callback,
+        )
+    seconds = process_time() - clock[-1]
+    full = problem.value(np.ones(domain.n_cells)).psi
+    row = {"drawing": name, "psi": result.evaluation.psi / full, "seconds": seconds}
+    if result.moved is None:
+        return row
+    moved_part = result.part()
+    assert isinstance(moved_part, ffr.Part)
     thin, gap = moved_part.thinnest_member, moved_part.narrowest_gap
+    boundary = result.moved.boundary
+    assert isinstance(boundary, ffr.Boundary)
+    violations = outline_violations(moved_part, design.hole_rim, part.member)
     return {
-        "start": taken.history[0]["psi"] / full,
-        "psi": best.evaluation.psi / full,
-        "member": thin.value / sizes[0] if thin else np.inf,
-        "gap": gap.value / sizes[1] if gap else np.inf,
-        "sizes": best.size_violation,
-        "volume": moved_part.area / (part.volume * domain.area) - 1.0,
-        "outline": [each.message for each in outline_violations(moved_part, rim, part.member)],
-        "seconds": process_time() - begun,
+        **row,
+        "first": result.moved.history["psi"][0] / full,
+        "moved": result.psi / full,
+        "thinnest": thin.value / design.minimum_member if thin else np.nan,
+        "gap": gap.value / design.minimum_gap if gap else np.nan,
+        "radius": boundary.smallest_radius / boundary.radius,
+        "volume": moved_part.area / (part.volume * domain.area),
+        "rims": float(len(violations)),
     }
-
-
-if __name__ == "__main__":
-    warnings.simplefilter("ignore")
-    for each in sys.argv[1:] or PARTS:
-        print(each, moved(each), flush=True)

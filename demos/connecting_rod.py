@@ -58,8 +58,13 @@ def main(arguments: list[str] | None = None) -> None:
     rod, full_rod = last.flexible["rod"], result.problem.flexible["rod"]
     worst, full = ffr.worst_stress(rod, evaluation, "rod"), ffr.worst_stress(full_rod, solid, "rod")
     ffr.write_fields(rod.domain, {"von_mises": worst.stress}, output / "stress.xdmf")
-    for name, body, stress in (("full_rod", full_rod, full), ("part", rod, worst)):
-        title = f"{name.replace('_', ' ')}: largest stress of each element during the motion"
+    # without steps of the boundary these are the elements of the design
+    last_shape = "part" if result.moved else "design"
+    for name, shape, body, stress in (
+        ("full_rod", "full rod", full_rod, full),
+        ("part", last_shape, rod, worst),
+    ):
+        title = f"{shape}: largest stress of each element during the motion"
         ffr.plotting.plot_stress(body.domain, stress, output / f"stress_{name}.png", title=title)
     ffr.plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
     say(f"largest stress {worst.largest:.3e} Pa, that of the full rod {full.largest:.3e} Pa")

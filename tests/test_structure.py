@@ -26,7 +26,6 @@ FLOORS = (
     "paper",
     "optimization",
     "boundary",
-    "boundary_field",
     "plotting",
     "part",
     "lower_bound",

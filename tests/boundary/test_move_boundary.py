@@ -317,6 +317,31 @@ def test_the_least_largest_stress_is_sought_at_several_places() -> None:
     assert np.min(unit @ mean) < 0.9
 
 
+def test_a_step_lowers_all_load_cases_where_the_worst_is_minimised() -> None:
+    """Compliance and material fall at once and by the same share, so neither becomes the worst."""
+    alone, boundary = scene(alone=True)
+
+    def trial_with(weights: dict[str, float]) -> tuple[Descent, Trial]:
+        objectives = {"soft": ffr.IntegralCompliance(), "heavy": ffr.Volume("rod")}
+        load_cases = {
+            name: ffr.MechanicalProblem(alone.mechanism, alone.integrator, objective)
+            for name, objective in objectives.items()
+        }
+        combine = ffr.WorstCase(weights)
+        problem = ffr.Problem.of_load_cases(alone.bodies, load_cases, combine)
+        descent = Descent(problem, {}, {"rod": 3.2 * MEMBER}, {})
+        return descent, descent.tried({"rod": boundary})
+
+    def values(trial: Trial) -> dict[str, float]:
+        return {name: case.psi for name, case in trial.evaluation.load_cases.items()}
+
+    first = values(trial_with({"soft": 1.0, "heavy": 1.0})[1])
+    descent, trial = trial_with({name: 1.0 / psi for name, psi in first.items()})
+    after = descent.moved(trial, descent.step(trial, descent.slopes(trial), 0.1))
+    assert after is not None
+    assert all(psi < 0.995 * first[name] for name, psi in values(after).items())
+
+
 def test_a_bound_that_only_finer_meshes_exceed_is_tightened(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -272,17 +272,44 @@ class Descent:
             body = bodies[name]
             areas = body.measures_pullback(evaluation.bodies[name].density, None)
             bounds.append(along({name: areas}) / (bound_share * boundaries[name].body.area))
+        psi = trial.logarithm.slope(evaluation.psi) * along(evaluation.nodes)
+        below, slopes_of_cases = self._cases_below(trial, evaluation, along)
         # no offset is longer than 1.5 times that of the step
         rooms = {n: self.kind.room(b, 1.5 * LONGEST * b.member) for n, b in boundaries.items()}
         geometric = (trial.sizes, trial.radii, rooms)
         values = [rows.values for by_body in geometric for rows in by_body.values()]
+        rows = [*(row - psi for row in slopes_of_cases), *bounds]
         return Slopes(
-            trial.logarithm.slope(evaluation.psi) * along(evaluation.nodes),
-            np.concatenate([*values, violations]),
-            _stacked([*map(by_masters, geometric), *(row[None] for row in bounds)]),
+            psi,
+            np.concatenate([*values, below, violations]),
+            _stacked([*map(by_masters, geometric), *(row[None] for row in rows)]),
             len(bounds),
             evaluation,
         )
+
+    def _cases_below(
+        self,
+        trial: Trial,
+        evaluation: Evaluation,
+        along: Callable[[Mapping[str, Array] | None], Array],
+    ) -> tuple[Array, list[Array]]:
+        """By how much other load cases are below the worst one, where that is minimised.
+
+        A step lowers the worst load case as far as no other one near it becomes worse. Returned
+        are differences of log psi, (cases,), and slopes of log psi of these load cases.
+        """
+        combine, cases = trial.problem.combine, evaluation.load_cases
+        if not combine.bounds or len(cases) == 1:
+            return np.zeros(0), []
+        psi = {name: case.psi for name, case in cases.items()}
+        weighted, logarithm = combine.weighted(psi), trial.logarithm
+        worst = max(weighted, key=lambda name: weighted[name])
+        others = [name for name in combine.near(psi) if name != worst]
+        below = [logarithm.value(weighted[n]) - logarithm.value(weighted[worst]) for n in others]
+        slopes = [
+            combine.weight(n) * logarithm.slope(weighted[n]) * along(cases[n].nodes) for n in others
+        ]
+        return np.array(below), slopes
 
     def step(self, trial: Trial, slopes: Slopes, reach: float, earlier: Array = NONE) -> Step:
         """The best step, the longest offset of which is ``reach`` minimum members.
@@ -311,13 +338,15 @@ class Descent:
     def secants(self, earlier: Array, before: Trial, slopes: Slopes, after: Trial) -> Array:
         """What the last steps tell, with the one from the trial ``before`` to that ``after`` it.
 
-        Nothing where the largest stress counts, which is another one's in each step.
+        Nothing where the largest stress or the worst load case counts, which is another one's in
+        each step.
         """
         displacements = [
             self.kind.way(b, after.boundaries[n]) for n, b in before.boundaries.items()
         ]
         motion = np.concatenate(displacements)
-        if not motion.size or self.turn < math.inf:
+        several = before.problem.combine.bounds and len(before.problem.load_cases) > 1
+        if not motion.size or self.turn < math.inf or several:
             return NONE
         return secants(earlier, motion, slopes.psi)
 

@@ -13,7 +13,6 @@ from typing import Any
 from shapely import GEOSException
 
 from ..boundary import Boundary, Surface
-from ..boundary_field import MovingBoundary, PlaneBoundary
 from ..design import LEAST, SHARP, Design, LevelSet
 from ..dynamics import SimulationError
 from ..fem import CurveError
@@ -22,7 +21,6 @@ from ..parallel import on_every_rank
 from ..part import LoosePieceWarning, Part, PartWarning, Solid
 from .boundary_phase import moved
 from .checkpoint import Checkpoint
-from .field_phase import moved_fields
 from .part_checks import part_violations
 from .result import Result, deny, ranks_of, warn
 from .trial_failed import TrialFailed
@@ -44,12 +42,10 @@ def with_moved_boundaries(
     tolerance: float | None,
     progress: bool,
     checkpoint: Checkpoint,
-    fields: bool = False,
 ) -> Result:
     """The result of a run, and that of ``steps`` of the boundaries of its parts.
 
-    They are kept in a ``checkpoint``, from which a run that is resumed goes on. In the plane the
-    boundaries are curves, or ``fields``.
+    They are kept in a ``checkpoint``, from which a run that is resumed goes on.
 
     Errors of files go on. Any other one, of the program too, leaves the result as it is.
     """
@@ -64,14 +60,8 @@ def with_moved_boundaries(
     parts: dict[str, Part | Solid] = {}
     try:
         with on_every_rank(ranks_of(result.problem), "steps of the boundary"):
-            if fields:
-                boundaries = _fields(result, designs, parts)
-                moved_result = moved_fields(
-                    result.problem, boundaries, bound, others, steps, *options
-                )
-            else:
-                curves = _drawn(result, designs, parts)
-                moved_result = moved(result.problem, curves, bound, others, steps, None, *options)
+            boundaries = _drawn(result, designs, parts)
+            moved_result = moved(result.problem, boundaries, bound, others, steps, None, *options)
     except (CheckpointError, OSError):
         raise
     except Exception as error:  # the densities are a result, whatever has failed after them
@@ -104,29 +94,6 @@ def _drawn(
             boundaries[name] = Boundary.of(part, member, gap=gap, **options)
         else:
             boundaries[name] = Surface.of(part, member, **options)
-    return boundaries
-
-
-def _fields(
-    result: Result, designs: Mapping[str, Design], parts: dict[str, Part | Solid]
-) -> dict[str, MovingBoundary]:
-    """The parts that designs in the plane enclose, as fields; the parts are added to ``parts``."""
-    boundaries: dict[str, MovingBoundary] = {}
-    for name, design in designs.items():
-        with warnings.catch_warnings():
-            # the steps begin without loose pieces, and psi that is told is without them
-            warnings.simplefilter("ignore", LoosePieceWarning)
-            part = parts[name] = _rough_part(result, name)
-        assert isinstance(part, Part)
-        member, gap = _sizes(design)
-        boundaries[name] = PlaneBoundary.of(
-            part,
-            member,
-            gap=gap,
-            rim=design.hole_rim,
-            mirrors=design.mirrors if isinstance(design, LevelSet) else (),
-            volume=result.bounds.get(name, 1.0),
-        )
     return boundaries
 
 

@@ -9,13 +9,8 @@ from typing import Any, NamedTuple, Protocol
 
 from shapely.geometry.base import BaseGeometry
 
-from ..boundary import Boundary, Surface
-from ..boundary_field import MovingBoundary
 from ..part import Part, Solid
 from ..problem import Evaluation, Problem
-
-AnyBoundary = Boundary | Surface | MovingBoundary
-
 
 #: Largest violation of bounds and minimum sizes of a feasible trial, the accuracy of sizes and of a
 #: mesh

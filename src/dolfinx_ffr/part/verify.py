@@ -341,11 +341,9 @@ def verify(
     validation.flag("verify: progress", progress)
     volume_bounds = _volume_bounds(problem, parts, volume)
     _check_parts(problem, parts)
-    normal_modes = {name: problem.flexible[name].modes for name in parts}
-    wanted_modes = modes if isinstance(modes, Mapping) else dict.fromkeys(parts, modes)
-    for name, number in wanted_modes.items():
-        if name in parts and number is not None:
-            normal_modes[name] = number
+    by_body = modes if isinstance(modes, Mapping) else dict.fromkeys(parts, modes)
+    wanted_modes = {name: number for name, number in by_body.items() if number is not None}
+    normal_modes = {n: wanted_modes.get(n, problem.flexible[n].modes) for n in parts}
     limits = {f"volume of {name}": f"at most {v:.4g}" for name, v in volume_bounds.items()}
     limits |= {constraint.label: constraint.limit for constraint in problem.constraints}
 
@@ -381,13 +379,11 @@ def verify(
             for name in parts
         )
         if not is_reported:
-            densities = {
-                name: parts[name].density(body.domain)
-                if name in parts
-                else evaluation.bodies[name].density
-                for name, body in with_parts.flexible.items()
-            }
+            densities = {name: evaluation.bodies[name].density for name in with_parts.flexible}
+            for name, part in parts.items():
+                densities[name] = part.density(with_parts.flexible[name].domain)
             corrected, calibrated = with_parts.calibrated(with_parts.value(densities))
+
         fitted.append(_figures(max(sizes.values()), corrected, calibrated, parts, volume_bounds))
         bodies = {name: (corrected.flexible[name], calibrated.bodies[name]) for name in parts}
         for body, reduced in bodies.values():

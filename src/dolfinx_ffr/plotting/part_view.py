@@ -47,7 +47,7 @@ def plot_part(part: Part | Solid, path: str | Path, *, title: str = "") -> Path:
     low, high = part.body.bounding_box  # collective where it is asked for the first time
 
     def draw(file: Path) -> None:
-        with style.styled_figure(style.WIDTH, 2.0 * style.WIDTH, file) as figure:
+        with style.styled_figure(style.PICTURES.width, 2.0 * style.PICTURES.width, file) as figure:
             if title:
                 figure.suptitle(title)
             places = figure.subplot_mosaic("CC;AB")
@@ -139,9 +139,13 @@ def _draw_detail(
     frame = Rectangle(corner, *(opposite - corner), fill=False, ec=style.DARK, lw=0.9, zorder=3.0)
     overview.add_patch(frame)
     # windows in the same place still have their letters in different corners
-    x, side = (corner[0], "left") if letter == "A" else (opposite[0], "right")
-    look: dict[str, Any] = {"ha": side, "va": "top", "fontweight": "bold", "bbox": style.LABEL}
-    overview.text(x, opposite[1], letter, zorder=3.0, **look)
+    x, y, *sides = (
+        (corner[0], opposite[1], "left", "top")
+        if letter == "A"
+        else (opposite[0], corner[1], "right", "bottom")
+    )
+    look: dict[str, Any] = {"fontweight": "bold", "bbox": style.LABEL, "zorder": 3.0}
+    overview.text(x, y, letter, ha=sides[0], va=sides[1], **look)
 
 
 def _draw_dimension(axes: Axes, width: Width, reach: float) -> None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .folder import Row, Run, Table, words
@@ -237,36 +237,41 @@ def comparison(run: Run) -> Table | None:
 
 def reported_and_part(run: Run) -> list[Table]:
     """Tables that compare the reported values of each body with the values of its part."""
-    tables = []
-    for name, body in run.verification.get("bodies", {}).items():
-        rows: list[Row] = []
-
-        def row(quantity: str, unit: str, pair: Sequence[Any], rows: list[Row] = rows) -> None:
-            reported, of_part = pair
-            if real(reported) or real(of_part):
-                scale = Scale(unit, max(abs(v) for v in pair if real(v)))
-                comparable = real(reported) and real(of_part) and reported
-                change = percent(of_part / reported - 1.0, 3, sign=True) if comparable else NOTHING
-                rows.append(
-                    (quantity, scale.text(reported), scale.text(of_part), scale.name, change)
-                )
-
-        row("Mass", "kg", body["mass"])
-        row("Share of the full body", "-", body["volume"])
-        if name not in run.mapping("parts"):  # which have them, too
-            row("Thinnest member", "m", (None, body.get("thinnest_member")))
-            row("Narrowest gap", "m", (None, body.get("narrowest_gap")))
-        row("Largest stress", "Pa", body["stress"])
-        for number, pair in enumerate(zip(*body["frequencies"], strict=False), 1):
-            row(f"Frequency {number}", "Hz", pair)
-        note = (
-            f"Part: {fixed(body['cells'])} {body.get('elements', 'triangles')}, {body['modes']} "
-            "normal modes. Stress: von Mises, over the whole simulation. Frequencies: with all "
-            "interfaces held."
-        )
-        head = ["", "Reported", "Part", "Unit", "Change [%]"]
-        tables.append(Table.of(f"Body {name}", head, rows, [1, 2, 4], note))
+    bodies = run.verification.get("bodies", {})
+    tables = [_body_table(run, name, body) for name, body in bodies.items()]
     return [table for table in tables if table]
+
+
+def _body_table(run: Run, name: str, body: Mapping[str, Any]) -> Table | None:
+    quantities = [("Mass", "kg", body["mass"]), ("Share of the full body", "-", body["volume"])]
+    if name not in run.mapping("parts"):  # whose tables have the widths
+        quantities += [
+            ("Thinnest member", "m", (None, body.get("thinnest_member"))),
+            ("Narrowest gap", "m", (None, body.get("narrowest_gap"))),
+        ]
+    quantities.append(("Largest stress", "Pa", body["stress"]))
+    frequencies = enumerate(zip(*body["frequencies"], strict=False), 1)
+    quantities += [(f"Frequency {number}", "Hz", pair) for number, pair in frequencies]
+    rows = [row for quantity in quantities if (row := _compared(*quantity))]
+    note = (
+        f"Part: {fixed(body['cells'])} {body.get('elements', 'triangles')}, {body['modes']} "
+        "normal modes. Stress: von Mises, over the whole simulation. Frequencies: with all "
+        "interfaces held."
+    )
+    head = ["", "Reported", "Part", "Unit", "Change [%]"]
+    return Table.of(f"Body {name}", head, rows, [1, 2, 4], note)
+
+
+def _compared(quantity: str, unit: str, pair: Sequence[Any]) -> Row | None:
+    """A reported value beside the value of the part; None where both are unknown."""
+    reported, of_part = pair
+    if not (real(reported) or real(of_part)):
+        return None
+    scale = Scale(unit, max(abs(value) for value in pair if real(value)))
+    change = NOTHING
+    if real(reported) and real(of_part) and reported:
+        change = percent(of_part / reported - 1.0, 3, sign=True)
+    return quantity, scale.text(reported), scale.text(of_part), scale.name, change
 
 
 def figures_of_densities(run: Run) -> Table | None:
