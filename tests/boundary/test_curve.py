@@ -32,7 +32,7 @@ def test_a_circle_keeps_its_radius_steps_go_and_ends_stay() -> None:
     inner = fitted.at(np.linspace(0.2, 0.8, 400) * fitted.spans)
     assert np.ptp(inner[:, 1]) < 2e-5
     assert np.max(np.abs(fitted.at(np.array([0.0, fitted.spans])) - stairs[[0, -1]])) < 1e-16
-    assert fitted.held.tolist() == [True, *[False] * (len(fitted.control) - 2), True]
+    assert fitted.fixed.tolist() == [True, *[False] * (len(fitted.control) - 2), True]
 
 
 def test_slopes_are_those_of_the_points() -> None:

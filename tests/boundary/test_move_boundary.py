@@ -22,8 +22,8 @@ from shapely.affinity import affine_transform
 from slider_crank import STEEL, reference_problem
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.boundary import Boundary, InThePlane
-from dolfinx_ffr.boundary import kinds as kinds_module
+from dolfinx_ffr.boundary import Boundary, PlaneGeometry
+from dolfinx_ffr.boundary import geometry as geometry_module
 from dolfinx_ffr.boundary.derivative import CurveMotion
 from dolfinx_ffr.boundary.sizes import Rows, radius_rows, size_rows
 from dolfinx_ffr.boundary.spread import spread
@@ -115,7 +115,7 @@ def test_the_derivative_on_several_ranks_is_that_of_parts_meshed_anew() -> None:
     evaluation = here.differentiate(evaluation, nodes=True)
     assert evaluation.nodes is not None
     bar = CurveMotion(boundary, here.flexible["rod"].domain).pullback(evaluation.nodes["rod"])
-    slope = np.where(boundary.held, 0.0, np.einsum("kd,kd->k", bar, boundary.normals))
+    slope = np.where(boundary.fixed, 0.0, np.einsum("kd,kd->k", bar, boundary.normals))
     offsets = -5e-4 * slope / np.max(np.abs(slope))
     exact = float(slope @ offsets)
     values = [psi(problem, shifted(boundary, side * offsets))[1].psi for side in (1.0, -1.0)]
@@ -134,10 +134,10 @@ def test_rank_0_decides_on_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
         step = best_step(*arguments)
         return replace(step, offsets=(1.0 + 1e-3 * comm.rank) * step.offsets)
 
-    for module in (descent_module, kinds_module):
+    for module in (descent_module, geometry_module):
         monkeypatch.setattr(module, "best_step", differently)
     descent = Descent(problem, {}, {"rod": 3.2 * MEMBER}, {})
-    trial = descent.tried({"rod": boundary})
+    trial = descent.trial_of({"rod": boundary})
     moved = descent.moved(trial, descent.step(trial, descent.slopes(trial), 0.3))
     assert moved is not None
     control = np.vstack([curve.control for curve in moved.boundaries["rod"].free.values()])
@@ -156,7 +156,7 @@ def test_narrow_and_tight_places_and_their_derivatives(
     rows = rows_of(boundary)
     assert 0.0 < np.max(rows.values) < 0.9
     random = np.random.default_rng(0)
-    offsets = np.where(boundary.held, 0.0, random.standard_normal(boundary.n_controls))
+    offsets = np.where(boundary.fixed, 0.0, random.standard_normal(boundary.n_controls))
     step = 1e-8
     ahead, behind = (
         float(np.max(rows_of(shifted(boundary, h * offsets)).values)) for h in (step, -step)
@@ -167,20 +167,20 @@ def test_narrow_and_tight_places_and_their_derivatives(
 
 def test_sizes_that_are_missed_are_mended_by_a_small_motion() -> None:
     """A member is 3 % too thin; where none is, controls are spread along the curves only."""
-    kind, boundary = InThePlane(), scene(alone=True)[1]
+    kind, boundary = PlaneGeometry(), scene(alone=True)[1]
     smallest = kind.sizes(replace(boundary, member=0.0185)).smallest
     thin = replace(boundary, member=1.03 * smallest)
-    assert kind.sizes(thin).missed == pytest.approx(1.0 - 1.0 / 1.03, rel=0.01)
-    mended = kind.mended(thin, 2e-3, 0.65)
-    assert kind.sizes(mended).missed <= 2e-3 and kind.radii(mended).missed <= 2e-3
+    assert kind.sizes(thin).size_violation == pytest.approx(1.0 - 1.0 / 1.03, rel=0.01)
+    mended = kind.with_minimum_sizes(thin, 2e-3, 0.65)
+    assert kind.sizes(mended).size_violation <= 2e-3 and kind.radii(mended).size_violation <= 2e-3
     assert mended.material.area < spread(thin).material.area * (1.0 + 1e-4)
-    way = thin.shares @ kind.way(thin, mended) * thin.member
+    way = thin.expansion @ kind.normal_displacement(thin, mended) * thin.member
     assert 1e-4 < np.max(np.abs(way)) < 3e-3
     there, here = (np.vstack([c.control for c in b.free.values()]) for b in (thin, mended))
     # across the curves, but for controls that are kept where they may be
     off = np.einsum("kd,kd->k", here - there, thin.normals) - way
     assert np.quantile(np.abs(off), 0.9) < 1e-9
-    for key, curve in kind.mended(boundary, 2e-3, 0.65).free.items():
+    for key, curve in kind.with_minimum_sizes(boundary, 2e-3, 0.65).free.items():
         assert np.array_equal(curve.control, spread(boundary).free[key].control)
 
 
@@ -198,9 +198,9 @@ def test_mirror_images_move_alike() -> None:
     part = ffr.Part(body, even, 0.01)
     made = Boundary.of(part, MEMBER, mirrors=lines)
     assert made.n_controls < Boundary.of(part, MEMBER).n_controls + 4 * len(holes)
-    assert made.shares.shape[1] < 0.3 * made.n_controls + 4
+    assert made.expansion.shape[1] < 0.3 * made.n_controls + 4
     random = np.random.default_rng(1)
-    moved = made.moved(made.shares @ (2e-4 * random.standard_normal(made.shares.shape[1])))
+    moved = made.moved(made.expansion @ (2e-4 * random.standard_normal(made.expansion.shape[1])))
     control = np.vstack([curve.control for curve in moved.free.values()])
     for line in lines:
         image = line.reflection(control)
@@ -212,7 +212,7 @@ def test_mirror_images_move_alike() -> None:
     wide = replace(moved, member=0.008, gap=0.008)
     joined = wide.joined((keys[0], keys[1]))
     assert len(joined.holes) == len(holes) - 2
-    assert joined.shares.shape[1] < 0.4 * joined.n_controls
+    assert joined.expansion.shape[1] < 0.4 * joined.n_controls
     with pytest.raises(ValueError, match="too far apart"):
         moved.joined((keys[0], keys[3]))
     with pytest.raises(ValueError, match="has no mirror image"):
@@ -268,7 +268,7 @@ def test_struts_that_carry_next_to_nothing_are_tried_without() -> None:
     boundary = replace(scene(alone=True)[1], member=8e-3, gap=8e-3)
     first, second, third = sorted(boundary.holes, key=lambda key: boundary.hole(key).centroid.x)[:3]
     carried = {(first, second): 1e-3, (second, third): 0.05}
-    ((joined, count),) = InThePlane().simpler(boundary, carried)
+    ((joined, count),) = PlaneGeometry().without_idle_struts(boundary, carried)
     assert count == 1 and len(joined.holes) == len(boundary.holes) - 1
     assert third in joined.holes and first not in joined.holes
 
@@ -308,7 +308,7 @@ def test_the_least_largest_stress_is_sought_at_several_places() -> None:
     parts = problem.bodies, problem.mechanism, problem.integrator
     least = ffr.Problem(*parts, ffr.PeakStress("rod", clear=5e-3))
     descent = Descent(least, {}, {"rod": 3.2 * MEMBER}, {})
-    slopes = descent.slopes(descent.tried({"rod": boundary}))
+    slopes = descent.slopes(descent.trial_of({"rod": boundary}))
     values, rows = slopes.values[-slopes.bounds :], slopes.slopes[-slopes.bounds :]
     assert len(values) > 1 and np.max(values) == pytest.approx(1.0 / 0.95 - 1.0, rel=1e-6)
     unit = rows / np.linalg.norm(rows, axis=1)[:, None]
@@ -330,7 +330,7 @@ def test_a_step_lowers_all_load_cases_where_the_worst_is_minimised() -> None:
         combine = ffr.WorstCase(weights)
         problem = ffr.Problem.of_load_cases(alone.bodies, load_cases, combine)
         descent = Descent(problem, {}, {"rod": 3.2 * MEMBER}, {})
-        return descent, descent.tried({"rod": boundary})
+        return descent, descent.trial_of({"rod": boundary})
 
     def values(trial: Trial) -> dict[str, float]:
         return {name: case.psi for name, case in trial.evaluation.load_cases.items()}
@@ -420,10 +420,10 @@ def test_only_what_a_shape_forbids_is_no_better_step() -> None:
     Warnings of trials that are rejected are none of the result.
     """
     problem, boundary = scene(alone=True)
-    mesh, calls = InThePlane.mesh, [0]
+    mesh, calls = PlaneGeometry.mesh, [0]
 
     def failing(error: Exception) -> Any:
-        def meshed(self: InThePlane, *given: Any) -> ffr.Domain:
+        def meshed(self: PlaneGeometry, *given: Any) -> ffr.Domain:
             calls[0] += 1
             if calls[0] == 2:
                 warnings.warn("of a rejected trial", UserWarning, stacklevel=1)
@@ -431,7 +431,7 @@ def test_only_what_a_shape_forbids_is_no_better_step() -> None:
             warnings.warn("of a trial that is taken", UserWarning, stacklevel=1)
             return mesh(self, *given)
 
-        return patch.object(InThePlane, "mesh", meshed)
+        return patch.object(PlaneGeometry, "mesh", meshed)
 
     options = {"iterations": 1, "volume": 0.85, "progress": False}
     for error in (CurveError("curves cross"), shapely.GEOSException("no ring")):
@@ -477,20 +477,20 @@ def test_boundaries_of_two_bodies_move_together() -> None:
         move_boundary(problem, {"upper": boundaries["upper"]})
     # beside differences over new meshes, whose own noise is some 1e-5 of psi
     descent = Descent(problem, {}, dict.fromkeys(boundaries, 3.2 * MEMBER), {})
-    slope = descent.slopes(descent.tried(boundaries)).psi
+    slope = descent.slopes(descent.trial_of(boundaries)).psi
     along, first, log_psi = -0.2 * slope / np.max(np.abs(slope)), 0, []
     offsets = {}
     for name, b in boundaries.items():
-        part = slice(first, first + b.shares.shape[1])
+        part = slice(first, first + b.expansion.shape[1])
         # the outline of the body is a limit: its sides stay
         counts = [(len(curve.control), not curve.closed) for curve in b.free.values()]
-        stays = b.held | np.concatenate([np.full(count, outer) for count, outer in counts])
-        offsets[name] = np.where(stays, 0.0, b.member * (b.shares @ along[part]))
-        along[part][b.shares.T @ stays > 0] = 0.0
+        stays = b.fixed | np.concatenate([np.full(count, outer) for count, outer in counts])
+        offsets[name] = np.where(stays, 0.0, b.member * (b.expansion @ along[part]))
+        along[part][b.expansion.T @ stays > 0] = 0.0
         first = part.stop
     for side in (1.0, -1.0):
         beside = {n: shifted(b, side * offsets[n]) for n, b in boundaries.items()}
-        log_psi.append(np.log(descent.tried(beside).evaluation.psi))
+        log_psi.append(np.log(descent.trial_of(beside).evaluation.psi))
     assert 0.5 * (log_psi[0] - log_psi[1]) == pytest.approx(slope @ along, rel=0.01)
     result = move_boundary(
         problem, boundaries, volume={"lower": 0.78}, iterations=2, progress=False

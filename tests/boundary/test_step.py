@@ -30,9 +30,9 @@ def test_the_step_is_the_minimum_within_the_constraints(
     metric = csc_matrix(diags([-1.0, 3.0, -1.0], [-1, 0, 1], shape=(n, n)))
     gradient, slopes = random.standard_normal(n), random.standard_normal((m, n))
     values = random.uniform(-0.5, 0.2, m)
-    held = np.arange(n) == 0
+    fixed = np.arange(n) == 0
     curved = random.standard_normal((n, known))
-    found = best_step(metric, gradient, values, kind(slopes), held, 0.3, curved)
+    found = best_step(metric, gradient, values, kind(slopes), fixed, 0.3, curved)
     whole = metric.toarray() + found.weight * curved @ curved.T
     assert np.max(np.abs(found.offsets)) <= 0.45 + 1e-12
     assert found.offsets[0] == 0.0
@@ -67,9 +67,9 @@ def test_constraints_without_a_slope_cost_nothing(
     """They are violated whatever the step is: it is that of the others alone."""
     metric, gradient = csc_matrix(diags([2.0, 2.0])), np.ones(2)
     values = np.array([0.1, -0.05])[: len(rows)]
-    held = np.zeros(2, dtype=bool)
-    found = best_step(metric, gradient, values, kind(np.array(rows)), held, 0.3)
-    alone = best_step(metric, gradient, values[1:], kind(np.array(rows)[1:]), held, 0.3)
+    fixed = np.zeros(2, dtype=bool)
+    found = best_step(metric, gradient, values, kind(np.array(rows)), fixed, 0.3)
+    alone = best_step(metric, gradient, values[1:], kind(np.array(rows)[1:]), fixed, 0.3)
     np.testing.assert_allclose(found.offsets, alone.offsets)
     np.testing.assert_allclose(found.multipliers, [0.0, *alone.multipliers])
 

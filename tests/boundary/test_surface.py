@@ -19,7 +19,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.boundary import InSpace, InThePlane, Surface
+from dolfinx_ffr.boundary import PlaneGeometry, SpatialGeometry, Surface
 from dolfinx_ffr.boundary.options import SURFACES, SurfaceOptions
 from dolfinx_ffr.optimization import move_boundary
 from dolfinx_ffr.optimization.descent import Descent
@@ -103,7 +103,7 @@ def test_derivative_of_psi_is_that_of_the_mesh_that_moves(comm: MPI.Comm) -> Non
     problem = beam(comm)
     solid_surface = surface(problem)
     descent = Descent(problem, {"beam": 0.9}, {"beam": solid_surface.size}, {})
-    slopes = descent.slopes(descent.tried({"beam": solid_surface}))
+    slopes = descent.slopes(descent.trial_of({"beam": solid_surface}))
     cut = solid_surface.part._cuts[solid_surface.part._first_division]
     points, centers = solid_surface.moving, {"left": [0.0, 0.0, 0.0], "right": [SIZE[0], 0.0, 0.0]}
     offsets, step, values = waves(solid_surface), 1e-6, []
@@ -169,12 +169,12 @@ def test_what_is_drawn_thinner_is_mended(monkeypatch: pytest.MonkeyPatch) -> Non
     solid_surface = surface(beam(MPI.COMM_SELF), plate(0.94 * member, 0.0), member)
     before, after = (
         solid_surface.drawn.thinnest_member,
-        solid_surface.settled().drawn.thinnest_member,
+        solid_surface.with_drawn_sizes().drawn.thinnest_member,
     )
     assert before is not None and before.value == pytest.approx(0.94 * member, rel=0.02)
     assert after is None or after.value >= member
     wider = surface(beam(MPI.COMM_SELF), plate(1.2 * member, 0.0), member)
-    assert wider.settled() is wider
+    assert wider.with_drawn_sizes() is wider
 
 
 @pytest.mark.parametrize(("depth", "stays"), [(0.0118, False), (0.01, True)])
@@ -216,7 +216,7 @@ def test_windows_that_end_in_points_are_blunted() -> None:
                 break
         return float(5e-4 * np.sum(np.any(open_, axis=1))), float(diameter)
 
-    ended = found.settled()
+    ended = found.with_drawn_sizes()
     (long, sharp), (short, blunt) = least(found), least(ended)
     # the circle that touches both sides, inclined by arctan(0.3), is the end
     tip = 0.5 * MEMBER * (np.hypot(1.0, 0.3) / 0.3 - 1.0)
@@ -392,10 +392,10 @@ def test_solids_are_cut_finer_until_psi_stands(
 
 def test_rises_of_steps_in_space_do_not_add_up() -> None:
     """One of 1.9 % may be the cut, two of them are worse than the best; in the plane none may."""
-    assert not InSpace().worse(1.019, 1.0, 1.0)
-    assert InSpace().worse(1.038, 1.019, 1.0)
-    assert InSpace().worse(1.019, 0.998, 1.0)
-    assert InThePlane().worse(1.038, 1.0375, 1.0)
+    assert not SpatialGeometry().worse(1.019, 1.0, 1.0)
+    assert SpatialGeometry().worse(1.038, 1.019, 1.0)
+    assert SpatialGeometry().worse(1.019, 0.998, 1.0)
+    assert PlaneGeometry().worse(1.038, 1.0375, 1.0)
 
 
 @pytest.mark.slow

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from .kinds import Carried as Carried
-from .kinds import InSpace as InSpace
-from .kinds import InThePlane as InThePlane
-from .kinds import Kind as Kind
+from .geometry import BoundaryGeometry as BoundaryGeometry
+from .geometry import PlaneGeometry as PlaneGeometry
+from .geometry import SpatialGeometry as SpatialGeometry
+from .geometry import StrutShares as StrutShares
 from .options import CURVES as CURVES
 from .options import BoundaryOptions as BoundaryOptions
 from .options import SurfaceOptions as SurfaceOptions

@@ -46,12 +46,12 @@ class FreeCurve:
         return len(self.control) if self.closed else len(self.control) + 1
 
     @property
-    def held(self) -> Mask:
+    def fixed(self) -> Mask:
         """Whether a control stays, shape (n,)."""
-        held = np.zeros(len(self.control), dtype=bool)
+        fixed = np.zeros(len(self.control), dtype=bool)
         if not self.closed:
-            held[[0, -1]] = True
-        return held
+            fixed[[0, -1]] = True
+        return fixed
 
     def _shares(self, s: Array, derivative: int) -> tuple[Array, Integers]:
         """Shares of the controls that count at parameters, and their numbers, (points, 4) each."""
@@ -102,7 +102,7 @@ class FreeCurve:
         return 1.0 / max(float(np.max(np.abs(self.turn(s)[0]))), 1e-300)
 
     @property
-    def amid(self) -> Array:
+    def peaks(self) -> Array:
         """Parameters at which each control weighs most, shape (n,)."""
         n = len(self.control)
         s = (np.arange(n) - 1.0) % n if self.closed else np.arange(n) + 1.0
@@ -113,7 +113,7 @@ class FreeCurve:
     @cached_property
     def control_normals(self) -> Array:
         """Normals of the curve where each control weighs most, shape (n, 2)."""
-        return self.normals(self.amid)
+        return self.normals(self.peaks)
 
     @cached_property
     def area(self) -> tuple[float, Array]:
@@ -224,7 +224,7 @@ def kept(
     """
     for _ in range(options.keeping):
         control = control + _displacements(control, room)
-        moved = curve.moved(np.where(curve.held[:, None], curve.control, control))
+        moved = curve.moved(np.where(curve.fixed[:, None], curve.control, control))
         # as many in each span, so that mirror images stay alike
         samples = -(-len(moved.sampled(step)) // moved.spans)
         s = np.arange(samples * moved.spans) / samples

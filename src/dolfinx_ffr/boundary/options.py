@@ -29,7 +29,7 @@ class BoundaryOptions:
 
     # constraints on sizes
     sample: float = 0.2  #: Distance of the points at which members, gaps and radii are measured
-    spare: float = 1.02  #: Factor by which minimum sizes are exceeded, as rows are linear
+    oversize: float = 1.02  #: Factor by which minimum sizes are exceeded, as rows are linear
     seen: float = 1.5  #: Sizes up to so many times the minimum have a row
     across: float = 0.8  #: Least cosine between a width and the normals at its ends
     facing: float = -0.5  #: Largest product of these normals
@@ -109,7 +109,7 @@ class SurfaceOptions:
     steep: tuple[float, float] = (0.5, 1.7)
 
     # walls
-    spare: float = CURVES.spare  #: Factor by which walls exceed members, as rows are linear
+    oversize: float = CURVES.oversize  #: Factor by which walls exceed members, as rows are linear
     seen: float = CURVES.seen  #: Walls up to so many times the least thickness have a row
     sample: float = 0.25  #: Distance of the points of the surface at which walls are measured
     #: Angle between the sides of a wall up to which they count as opposite [degree]: at the tip of

@@ -63,10 +63,10 @@ class Boundary:
         origin: Whose curves that stay are used.
         free: The curves that move, by number.
         faces: Group and loops of each face, material on the left.
-        masters: Of each control of each curve the number of its master: those of one number move
+        orbits: Of each control of each curve the number of its master: those of one number move
             alike.
         isometries: That leave the boundary, the identity first.
-        room: The body.
+        body_polygon: The body [m].
         member: Minimum member [m].
         gap: Minimum gap [m].
         rim: Width of the rim around each hole of the body's drawing [m].
@@ -79,9 +79,9 @@ class Boundary:
     origin: Part
     free: dict[int, FreeCurve]
     faces: Loops
-    masters: dict[int, Integers]
+    orbits: dict[int, Integers]
     isometries: tuple[Isometry, ...]
-    room: shapely.Geometry
+    body_polygon: shapely.Geometry
     member: float
     gap: float
     rim: float
@@ -162,11 +162,11 @@ class Boundary:
         rings = [
             [polygon(loop, options.accuracy * member) for loop in loops] for loops in whole.outlines
         ]
-        room = shapely.union_all([shapely.Polygon(ring, holes) for ring, *holes in rings])
+        body_polygon = shapely.union_all([shapely.Polygon(ring, holes) for ring, *holes in rings])
         drawn = _drawn_holes(part.body).boundary.buffer(options.clear * member) if rim else None
         # arcs are as near to the polygon of the outline as that is to them
         near = 2.0 * options.accuracy * member
-        runs, faces = sides_of(part.drawing, room.boundary, near, outline, drawn)
+        runs, faces = sides_of(part.drawing, body_polygon.boundary, near, outline, drawn)
         if not runs:
             raise ValueError(
                 "boundary: interfaces, solid regions and the holes of the body's drawing leave no "
@@ -174,9 +174,9 @@ class Boundary:
             )
         # the last bits of a rank may decide nothing
         alike = tuple(images(lines))
-        curves, masters = part.body.comm.bcast(fitted(runs, spacing, alike))
+        curves, orbits = part.body.comm.bcast(fitted(runs, spacing, alike))
         sizes, none = (member, gap, rim, radius, spacing), shapely.MultiPolygon()
-        found = Boundary(part, curves, faces, masters, alike, room, *sizes, none, options)
+        found = Boundary(part, curves, faces, orbits, alike, body_polygon, *sizes, none, options)
         if found._inner.buffer(-member).is_empty:
             raise ValueError(
                 f"boundary: minimum members of {1e3 * member:.4g} mm do not fit into the body; "
@@ -227,14 +227,14 @@ class Boundary:
         return np.vstack([curve.control_normals for curve in self.free.values()])
 
     @cached_property
-    def held(self) -> Mask:
+    def fixed(self) -> Mask:
         """Whether a control stays, shape (controls,)."""
-        return np.concatenate([curve.held for curve in self.free.values()])
+        return np.concatenate([curve.fixed for curve in self.free.values()])
 
     @cached_property
-    def shares(self) -> csr_matrix:
-        """The offset of each control by those of the masters, (controls, masters)."""
-        number = np.concatenate([self.masters[key] for key in self.free])
+    def expansion(self) -> csr_matrix:
+        """The offset of each control by those of the orbits, (controls, orbits)."""
+        number = np.concatenate([self.orbits[key] for key in self.free])
         _, column = np.unique(number, return_inverse=True)
         return csr_matrix((np.ones(len(column)), (np.arange(len(column)), column)))
 
@@ -242,7 +242,7 @@ class Boundary:
     def leads(self) -> Mask:
         """Whether a control is the first one of its number, shape (controls,)."""
         found = np.zeros(self.n_controls, dtype=bool)
-        found[np.asarray(self.shares.argmax(axis=0)).ravel()] = True
+        found[np.asarray(self.expansion.argmax(axis=0)).ravel()] = True
         return found
 
     def metric(self, radius: float) -> csc_matrix:
@@ -293,7 +293,7 @@ class Boundary:
             way = reach * self.normals[first : first + len(curve.control)]
             free = []
             # where its curve may not follow, a control does not go either
-            for start, room in ((curve.control, self._inner), (curve.at(curve.amid), self._clear)):
+            for start, room in ((curve.control, self._inner), (curve.at(curve.peaks), self._clear)):
                 lines = [np.stack([start, start + side * way], axis=1) for side in (1.0, -1.0)]
                 ways = shapely.intersection(shapely.linestrings(np.stack(lines)), room)
                 free.append(shapely.length(ways))
@@ -317,8 +317,8 @@ class Boundary:
         )
         # curves along the outer edge of the body pass rims there
         holes = _drawn_holes(self.body).buffer(self.options.clear * self.member)
-        rims = self._rims.intersection(self.room.union(holes).buffer(-self._tolerance))
-        return self.room.difference(solid.buffer(distance * self.member)).difference(rims)
+        rims = self._rims.intersection(self.body_polygon.union(holes).buffer(-self._tolerance))
+        return self.body_polygon.difference(solid.buffer(distance * self.member)).difference(rims)
 
     @cached_property
     def _rims(self) -> shapely.Geometry:
@@ -328,7 +328,7 @@ class Boundary:
     @cached_property
     def _limit(self) -> shapely.Geometry:
         """What the material stays in: the body, but for the accuracy of curves."""
-        return self.room.buffer(self._tolerance)
+        return self.body_polygon.buffer(self._tolerance)
 
     def _polygon(self, loops: Sequence[Sequence[Side]]) -> shapely.Polygon:
         rings = [ring([self.curve(side) for side in loop], self._fine) for loop in loops]
@@ -350,7 +350,7 @@ class Boundary:
             "counts": np.array([len(self.free[key].control) for key in keys]),
             "nodes": np.array([self.free[key].nodes or (-1, -1) for key in keys]),
             "control": np.vstack([self.free[key].control for key in keys]),
-            "masters": np.concatenate([self.masters[key] for key in keys]),
+            "orbits": np.concatenate([self.orbits[key] for key in keys]),
             "sides": np.array(rows),
             "groups": np.array([group for group, _ in self.faces]),
         }
@@ -358,7 +358,7 @@ class Boundary:
     def restored(self, state: Mapping[str, NDArray[Any]]) -> Boundary:
         """The boundary with that `state`, which this one had come to."""
         keys, ends = state["curves"].tolist(), np.cumsum(state["counts"])[:-1]
-        controls, masters = (np.split(state[name], ends) for name in ("control", "masters"))
+        controls, orbits = (np.split(state[name], ends) for name in ("control", "orbits"))
         nodes = [None if pair[0] < 0 else (pair[0], pair[1]) for pair in state["nodes"].tolist()]
         free = dict(zip(keys, map(FreeCurve, controls, nodes), strict=True))
         loops: list[list[list[Side]]] = [[] for _ in state["groups"]]
@@ -370,8 +370,8 @@ class Boundary:
             (str(group), tuple(map(tuple, own)))
             for group, own in zip(state["groups"], loops, strict=True)
         )
-        own = dict(zip(keys, masters, strict=True))
-        return replace(self, free=free, faces=faces, masters=own)
+        own = dict(zip(keys, orbits, strict=True))
+        return replace(self, free=free, faces=faces, orbits=own)
 
     # ------------------------------------------------------------------ what it encloses
 
@@ -519,7 +519,7 @@ class Boundary:
         facing = a.intersection(b.buffer(way)), b.intersection(a.buffer(way))
         return shapely.union_all(facing).convex_hull
 
-    def braced(self, ends: Array) -> Boundary:
+    def with_strut(self, ends: Array) -> Boundary:
         """The boundary with a straight strut between ``ends`` (2, 2) [m], and its mirror images.
 
         ValueError if there is no hole where it is, or nothing is left of it.
@@ -551,8 +551,8 @@ class Boundary:
         if runs and len(inside) != 1:
             raise ShapeError("boundary: the holes are not of one face")
         beyond = 1 + max(self.free)
-        curves, masters = fitted(runs, self.spacing, self.isometries)
-        alike = 1 + max(int(np.max(numbers)) for numbers in self.masters.values())
+        curves, orbits = fitted(runs, self.spacing, self.isometries)
+        alike = 1 + max(int(np.max(numbers)) for numbers in self.orbits.values())
         faces = []
         for n, (group, loops) in enumerate(self.faces):
             kept = [loop for loop in loops if not _is_hole(loop, left)]
@@ -562,9 +562,9 @@ class Boundary:
                 faces.append((group, tuple(kept)))
         free = {k: c for k, c in self.free.items() if k not in left}
         free |= {beyond + k: curve for k, curve in curves.items()}
-        own = {k: self.masters[k] for k in free if k in self.masters}
-        own |= {beyond + k: alike + numbers for k, numbers in masters.items()}
-        return replace(self, faces=tuple(faces), free=free, masters=own)
+        own = {k: self.orbits[k] for k in free if k in self.orbits}
+        own |= {beyond + k: alike + numbers for k, numbers in orbits.items()}
+        return replace(self, faces=tuple(faces), free=free, orbits=own)
 
     def hole(self, key: int) -> shapely.Polygon:
         """What the closed curve ``key`` surrounds."""

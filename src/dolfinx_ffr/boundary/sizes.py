@@ -20,7 +20,7 @@ class Rows(NamedTuple):
     values: Array  #: (m,)
     slopes: Array | csr_matrix  #: (m, controls) [1/m]
     least: Array  #: Size of which the value is 1 - size / least, (m,) [m]
-    spare: float = CURVES.spare  #: Factor by which the least size exceeds the minimum
+    oversize: float = CURVES.oversize  #: Factor by which the least size exceeds the minimum
 
     @staticmethod
     def none(controls: int) -> Rows:
@@ -34,15 +34,15 @@ class Rows(NamedTuple):
         return float(np.min(self.least * (1.0 - self.values), initial=np.inf))
 
     @property
-    def missed(self) -> float:
+    def size_violation(self) -> float:
         """By how much the smallest size is below the minimum, relative to that; at least zero."""
-        return max(0.0, 1.0 - self.spare * (1.0 - float(np.max(self.values, initial=-np.inf))))
+        return max(0.0, 1.0 - self.oversize * (1.0 - float(np.max(self.values, initial=-np.inf))))
 
 
-def _rows(values: list[Array], slopes: list[Array], least: float, spare: float) -> Rows:
+def _rows(values: list[Array], slopes: list[Array], least: float, oversize: float) -> Rows:
     """Constraints below each other, of one ``least`` size [m]."""
     stacked = np.concatenate(values)
-    return Rows(stacked, np.vstack(slopes), np.broadcast_to(least, stacked.shape), spare)
+    return Rows(stacked, np.vstack(slopes), np.broadcast_to(least, stacked.shape), oversize)
 
 
 def size_rows(boundary: Boundary) -> Rows:
@@ -64,8 +64,8 @@ def size_rows(boundary: Boundary) -> Rows:
     minima = [np.zeros(0)]
     # through the material, and through the void
     for side, least in (
-        (-1.0, options.spare * boundary.member),
-        (1.0, options.spare * boundary.gap),
+        (-1.0, options.oversize * boundary.member),
+        (1.0, options.oversize * boundary.gap),
     ):
         met = side * np.einsum("ij,ij->i", displacement, n[i]) > options.across * distance
         near = distance < options.seen * least
@@ -84,7 +84,7 @@ def size_rows(boundary: Boundary) -> Rows:
         slopes.append(-apart.toarray() * projected / least)
         minima.append(np.full(len(chosen), least))
     return Rows(
-        np.concatenate(values), np.concatenate(slopes), np.concatenate(minima), options.spare
+        np.concatenate(values), np.concatenate(slopes), np.concatenate(minima), options.oversize
     )
 
 
@@ -95,7 +95,7 @@ def radius_rows(boundary: Boundary) -> Rows:
     curve that is the derivative of the largest one.
     """
     options = boundary.options
-    least = options.spare * boundary.radius
+    least = options.oversize * boundary.radius
     values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
     for key, curve in boundary.free.items():
         if not least:
@@ -119,18 +119,18 @@ def radius_rows(boundary: Boundary) -> Rows:
         change *= (np.sign(turn) / turn**2 / least)[:, None]
         values.append(1.0 - 1.0 / np.abs(turn) / least)
         slopes.append(boundary.wide(csr_matrix(change), key).toarray())
-    return _rows(values, slopes, least, options.spare)
+    return _rows(values, slopes, least, options.oversize)
 
 
-def room_rows(boundary: Boundary, reach: float) -> Rows:
+def control_position_rows(boundary: Boundary, reach: float) -> Rows:
     """Controls stay where they may be, after a step of at most ``reach`` [m]."""
     values, slopes = [], []
     for side, displacement in zip((1.0, -1.0), boundary.ways(reach), strict=True):
         near = np.flatnonzero(
-            boundary.leads & ~boundary.held & (displacement < (1.0 - 1e-9) * reach)
+            boundary.leads & ~boundary.fixed & (displacement < (1.0 - 1e-9) * reach)
         )
         rows = np.zeros((len(near), boundary.n_controls))
         rows[np.arange(len(near)), near] = side / boundary.member
         values.append(-displacement[near] / boundary.member)
         slopes.append(rows)
-    return _rows(values, slopes, np.inf, boundary.options.spare)
+    return _rows(values, slopes, np.inf, boundary.options.oversize)

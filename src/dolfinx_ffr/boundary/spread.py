@@ -22,9 +22,9 @@ def spread(boundary: Boundary) -> Boundary:
     for key, curve in curves.items():
         area, gains = curve.area
         missing = boundary.free[key].area[0] - area
-        free = np.where(curve.held, 0.0, gains)
+        free = np.where(curve.fixed, 0.0, gains)
         offsets.append(missing * free / max(float(free @ free), 1e-300))
-    shares = boundary.shares
+    shares = boundary.expansion
     alike = shares.T @ np.concatenate(offsets) / shares.sum(axis=0).A1
     return replace(boundary, free=curves).moved(shares @ alike)
 
@@ -37,5 +37,5 @@ def _spread(curve: FreeCurve) -> FreeCurve:
     control, normals = curve.control, curve.control_normals
     middle = 0.5 * (np.roll(control, 1, axis=0) + np.roll(control, -1, axis=0))
     tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
-    motion = 0.5 * np.einsum("ij,ij->i", middle - control, tangents) * ~curve.held
+    motion = 0.5 * np.einsum("ij,ij->i", middle - control, tangents) * ~curve.fixed
     return curve.moved(control + motion[:, None] * tangents)

@@ -47,7 +47,7 @@ def best_step(
     gradient: Array,
     values: Array,
     slopes: Array | csr_matrix,
-    held: Mask,
+    fixed: Mask,
     reach: float,
     curved: Array | None = None,
     options: BoundaryOptions = CURVES,
@@ -59,10 +59,10 @@ def best_step(
     least squares in the multipliers (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems,
     SIAM 1995, doi:10.1137/1.9781611971217). Where slopes are sparse, of many constraints,
     multipliers are found by accelerated gradients (A. Beck, M. Teboulle, SIAM Journal on Imaging
-    Sciences 2, 2009, doi:10.1137/080716542). Shapes: metric (n, n), gradient and held (n,), values
+    Sciences 2, 2009, doi:10.1137/080716542). Shapes: metric (n, n), gradient and fixed (n,), values
     (m,), slopes (m, n).
     """
-    free = np.flatnonzero(~held)
+    free = np.flatnonzero(~fixed)
     how: dict[str, Any] = _SYMMETRIC if issparse(slopes) else {}
     factor = splu(metric[free][:, free].tocsc(), **how)
     downhill = -factor.solve(gradient[free])

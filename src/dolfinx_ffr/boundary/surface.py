@@ -104,8 +104,8 @@ class Surface:
         #: From motions to coefficients
         self._finer = csr_matrix(kron(kron(lines[0], lines[1]), lines[2]))
         self.n_controls = self._finer.shape[1]
-        self.shares = csr_matrix(eye(self.n_controls))
-        self.held = np.zeros(self.n_controls, dtype=bool)
+        self.expansion = csr_matrix(eye(self.n_controls))
+        self.fixed = np.zeros(self.n_controls, dtype=bool)
         self.normals = np.ones((self.n_controls, 1))
 
     @staticmethod
@@ -329,14 +329,14 @@ class Surface:
             else:
                 rows = found.rows(thin, options.thickened * member)
                 still = np.zeros(self.n_controls)
-                of_rows = rows.values, rows.slopes, self.held, member
+                of_rows = rows.values, rows.slopes, self.fixed, member
                 step = best_step(self.metric(member), still, *of_rows)
                 found = found.shifted(step.offsets)
             walls, everywhere = found._walls(thin.middles), False
         found.walls = walls if everywhere else found._walls()
         return found
 
-    def settled(self) -> Surface:
+    def with_drawn_sizes(self) -> Surface:
         """The same without windows that end in points, and members as thick as asked.
 
         Between the points of the grid, and where a wall becomes a wedge, what is drawn is thinner
@@ -389,7 +389,7 @@ class Surface:
     def _walls(self, near: Array | None = None) -> Walls:
         """The same, or those near some places (n, 3) [m] only; on rank 0."""
         assert self._sides is not None
-        least = self.options.spare * self.member
+        least = self.options.oversize * self.member
         return self._sides.walls(self.field, self._slopes, least, self.options.seen * least, near)
 
     def rows(self, walls: Walls, least: float | None = None) -> Rows:
@@ -407,11 +407,11 @@ class Surface:
         cosine = np.einsum("nd,nd->n", walls.inward[first], walls.across[first])
         there = diags(1.0 * walls.moving[first]) @ self.outwards(walls.ends[first])
         there = there - diags(cosine) @ self.outwards(walls.points[first])
-        least = least or self.options.spare * self.member
+        least = least or self.options.oversize * self.member
         slopes = diags(-2.0 / (1.0 - cosine) / least) @ there
         values = 1.0 - walls.thickness[first] / least
         minima = np.full(len(first), least)
-        return Rows(values, csr_matrix(slopes), minima, self.options.spare)
+        return Rows(values, csr_matrix(slopes), minima, self.options.oversize)
 
     def finer(self) -> Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""

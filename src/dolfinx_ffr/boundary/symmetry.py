@@ -86,7 +86,7 @@ def _alone(run: Run, spacing: float, own: Sequence[Isometry]) -> tuple[FreeCurve
     curve = FreeCurve.fit(points, step, run.nodes, multiple=2 * len(own) if own else 1)
     control = curve.control.copy()
     taken = [_taken(control, g, closed) for g in own]
-    inner = ~curve.held
+    inner = ~curve.fixed
     for g, to in zip(own, taken, strict=True):
         image = np.empty_like(control)
         image[to] = g(curve.control)

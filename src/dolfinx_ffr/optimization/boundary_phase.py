@@ -2,7 +2,7 @@
 """Boundaries of parts that move: a mesh for each step, the exact gradient, constraints that hold.
 
 Which steps are taken is up to the stepper; here are what precedes and follows them, and their
-history, checkpoint and result, for boundaries of any kind.
+history, checkpoint and result, for boundaries of any geometry.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ..part import TURN, PartViolation, PartWarning
 from ..problem import Problem
 from .checkpoint import Checkpoint
 from .curve_steps import CurveSteps
-from .descent import Descent, kind_of, of_stress
+from .descent import Descent, geometry_of, of_stress
 from .history import History
 from .part_checks import part_violations
 from .result import BoundaryResult, ranks_of
@@ -115,16 +115,17 @@ def moved(
     if mode_tolerance is not None:
         validation.number("boundary: mode_tolerance", mode_tolerance, above=0.0)
     names = [name for name in problem.flexible if name not in (variables or {})]
-    given = boundary if isinstance(boundary, Mapping) else dict.fromkeys(names[:1], boundary)
-    if set(given) != set(names):
+    boundaries = boundary if isinstance(boundary, Mapping) else dict.fromkeys(names[:1], boundary)
+    if set(boundaries) != set(names):
         raise ValueError(
-            f"boundary: boundaries are given for {sorted(given)}, and the problem designs "
+            f"boundary: boundaries are given for {sorted(boundaries)}, and the problem designs "
             f"{sorted(names)}; give a mapping from name to boundary, or some bodies by their "
             "volume integrals (evaluation.bodies[name].integrals)"
         )
-    kind = kind_of(problem)
+    geometry = geometry_of(problem)
     for name in names:
-        validation.instance(f"boundary: that of {name!r}", given[name], kind.kind, kind.article)
+        expected = geometry.boundary_type, geometry.type_name
+        validation.instance(f"boundary: that of {name!r}", boundaries[name], *expected)
     shares = volume if isinstance(volume, Mapping) else dict.fromkeys(names, volume)
     bounds = {}
     for name, most in shares.items():
@@ -133,21 +134,21 @@ def moved(
             bounds[name] = validation.number("boundary: volume", most, above=0.0, most=1.0)
     if size is not None:
         validation.number("boundary: size", size, above=0.0, unit="m")
-    sizes = {n: kind.size(given[n], size) for n in names}
+    sizes = {n: geometry.size(boundaries[n], size) for n in names}
     others = {n: validation.numbers(f"boundary: {n}", x) for n, x in (variables or {}).items()}
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
     turn = TURN if any(map(is_stress, objectives)) else math.inf
     descent = Descent(
-        problem, bounds, sizes, others, turn, of_stress(problem, kind.options.stress_margin)
+        problem, bounds, sizes, others, turn, of_stress(problem, geometry.options.stress_margin)
     )
-    ordered = {name: given[name] for name in names}
+    ordered = {name: boundaries[name] for name in names}
 
     def steps_from(show: Callable[[str], object], state: Mapping[str, Any] | None) -> CurveSteps:
         return CurveSteps(replace(descent, tell=show), ordered, steps, mode_tolerance, state)
 
     run = Run(ranks_of(problem), steps, "step", progress, "boundary")
-    phase = BoundaryPhase(run, steps, CurveSteps.identity(ordered), checkpoint, kind.options)
+    phase = BoundaryPhase(run, steps, CurveSteps.identity(ordered), checkpoint, geometry.options)
     return phase.result(steps_from)
 
 
@@ -316,7 +317,7 @@ def _warn_of_missing(
         texts.append(f"{'; '.join(exceeded)}: take more iterations, another start or other bounds")
     for violation, about in missing.items():
         texts.append(f"{violation.partition(':')[0]!r}: {about.message}")
-    if change > steps.still:
+    if change > steps.mesh_tolerance:
         what = (
             f"psi still changes by {change:.1%} on the finest mesh, whose value is reported"
             if math.isfinite(change)

@@ -7,7 +7,6 @@ simulated and does not raise the merit by more than another mesh alone would.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -26,7 +25,7 @@ from .trial_failed import TrialFailed
 Boundaries = dict[str, Boundary | Surface]
 
 #: Share by which the result may miss a minimum radius before that is warned of, as of other sizes
-_MISSED = 0.01
+_RADIUS_TOLERANCE = 0.01
 
 
 class CurveSteps(Iterator[Trial]):
@@ -59,7 +58,7 @@ class CurveSteps(Iterator[Trial]):
         self._mode_tolerance = mode_tolerance
         self._first_modes = {n: body.modes for n, body in descent.problem.flexible.items()}
         self._descent = descent
-        self._options = descent.kind.options
+        self._options = descent.geometry.options
         self._reach, self._weight = self._options.first, self._options.penalty
         self._margin, self._secants = 0.0, NONE
         if state is None:
@@ -71,7 +70,7 @@ class CurveSteps(Iterator[Trial]):
 
     def _begin(self, boundaries: Boundaries) -> None:
         try:
-            trial = self._descent.tried(boundaries)
+            trial = self._descent.trial_of(boundaries)
         except TrialFailed as failed:  # there is nothing to go back to
             raise failed.__cause__ or failed from None
         descent, trial, errors = self._accurate(self._descent, trial)
@@ -113,14 +112,14 @@ class CurveSteps(Iterator[Trial]):
         """Insert, delete and translate struts; the slopes there, and how many came and went."""
         before, step = self.trial, self._descent.step(self.trial, slopes, self._reach)
         trial, inserted, removed = changed(
-            self._descent, before, slopes.evaluation, step.of_bounds, self._weight, stuck
+            self._descent, before, slopes.evaluation, step.bound_multipliers, self._weight, stuck
         )
         if trial is not before:
             before.release()
             slopes = self._descent.slopes(trial, self._margin)
             self._reach, self._secants = max(self._reach, self._options.reach_again), NONE
         before, slopes_before = trial, slopes
-        trial, slopes = shifted(self._descent, trial, slopes, step.of_bounds, self._weight)
+        trial, slopes = shifted(self._descent, trial, slopes, step.bound_multipliers, self._weight)
         if trial is not before:
             before.release()
             self._secants = self._descent.secants(self._secants, before, slopes_before, trial)
@@ -129,13 +128,15 @@ class CurveSteps(Iterator[Trial]):
 
     def _accepted(self, slopes: Slopes) -> tuple[Trial | None, Step | None, int]:
         """The first trial that is accepted, its step, and how many were taken back."""
-        stressed, rejected = self._descent.turn < math.inf, 0
+        stressed, rejected = self._descent.is_stressed, 0
         while self._reach >= self._options.shortest:
             step = self._descent.step(self.trial, slopes, self._reach, self._secants)
-            self._weight = max(self._weight, self._options.penalty * float(np.sum(step.of_bounds)))
+            self._weight = max(
+                self._weight, self._options.penalty * float(np.sum(step.bound_multipliers))
+            )
             after = self._descent.moved(self.trial, step)
             merits = [trial.merit(self._weight) for trial in (self.trial, self.best)]
-            if after is not None and not self._descent.kind.worse(
+            if after is not None and not self._descent.geometry.worse(
                 after.merit(self._weight), *merits
             ):
                 return after, step, rejected
@@ -155,7 +156,7 @@ class CurveSteps(Iterator[Trial]):
         options = self._options
         factor = options.longer if better else options.shorter
         self._reach = min(self._reach * factor, options.longest)
-        if self._descent.turn < math.inf:
+        if self._descent.is_stressed:
             self._reach = max(self._reach, self._options.stress_reach)
             # the largest stress is always a little more than its slopes say
             if after.violation > FEASIBLE:
@@ -172,7 +173,7 @@ class CurveSteps(Iterator[Trial]):
             if was_best:
                 self.best = self.trial
             else:
-                self.best = descent.tried(self.best.boundaries)
+                self.best = descent.trial_of(self.best.boundaries)
                 self.best.release()
         self._reach = max(self._reach, self._options.reach_again)
 
@@ -188,11 +189,11 @@ class CurveSteps(Iterator[Trial]):
 
         The next steps are short, as near to the best one little moves.
         """
-        margins = safety_margins(self._descent.spare, self.best, fine)
+        margins = safety_margins(self._descent.margins, self.best, fine)
         if not margins:
             return False
-        self._descent = replace(self._descent, spare=margins)
-        self.trial = self.best = replace(self.best, spare=margins)
+        self._descent = replace(self._descent, margins=margins)
+        self.trial = self.best = replace(self.best, margins=margins)
         self._reach, self._secants = min(self._reach, 2.0 * self._options.stress_reach), NONE
         return True
 
@@ -212,21 +213,21 @@ class CurveSteps(Iterator[Trial]):
 
     def remarks(self, trial: Trial) -> list[str]:
         """What is to be said of a result, by body, besides bounds and sizes of its parts."""
-        kind = self._descent.kind
+        geometry = self._descent.geometry
         texts = [
             f"a radius of {name!r} is {share:.1%} below its minimum: take more iterations, another "
             "start or other bounds"
-            for name, share in trial.missed_radii.items()
-            if share > _MISSED
+            for name, share in trial.radius_violations.items()
+            if share > _RADIUS_TOLERANCE
         ]
         for name, boundary in trial.boundaries.items():
-            texts += [f"{name!r}: {text}" for text in kind.said(boundary)]
+            texts += [f"{name!r}: {text}" for text in geometry.remarks(boundary)]
         return texts
 
     @property
-    def still(self) -> float:
+    def mesh_tolerance(self) -> float:
         """Largest change of psi by finer meshes that is not worth a warning."""
-        return self._descent.kind.still
+        return self._descent.geometry.mesh_tolerance
 
     # ------------------------------------------------------------------ in a checkpoint
 
@@ -249,7 +250,7 @@ class CurveSteps(Iterator[Trial]):
             "secants": self._secants,
             **with_prefix("now", _states(self.trial.boundaries)),
             **with_prefix("best", _states(best)),
-            **with_prefix("spare", self._descent.spare),
+            **with_prefix("margins", self._descent.margins),
             **with_prefix("modes", modes),
             **with_prefix("error", self.mode_errors),
         }
@@ -264,13 +265,13 @@ class CurveSteps(Iterator[Trial]):
         self._descent = replace(
             self._descent,
             problem=with_methods(problem, state["methods"].tolist()),
-            spare=numbers_by_name("spare", state),
+            margins=numbers_by_name("margins", state),
             logarithm=SignedLog.around(self._first_psi),
         )
         now, best = (_restored(what, state, self.start) for what in ("now", "best"))
         assert now is not None
-        self.trial = self._descent.tried(now)
-        self.best = self._descent.tried(best) if best else self.trial
+        self.trial = self._descent.trial_of(now)
+        self.best = self._descent.trial_of(best) if best else self.trial
         self.mode_errors = self._errors = numbers_by_name("error", state)
 
 

@@ -20,11 +20,11 @@ from ..arrays import Array
 from ..boundary import (
     CURVES,
     Boundary,
+    BoundaryGeometry,
     BoundaryOptions,
-    InSpace,
-    InThePlane,
-    Kind,
+    PlaneGeometry,
     Rows,
+    SpatialGeometry,
     Surface,
     best_step,
     curvature,
@@ -42,7 +42,7 @@ from .stepper import FEASIBLE, AskedSizes
 from .trial_failed import TrialFailed, shaping, simulating
 
 #: By the dimension of the bodies
-_KINDS: dict[int, Kind[Any]] = {2: InThePlane(), 3: InSpace()}
+_GEOMETRIES: dict[int, BoundaryGeometry[Any]] = {2: PlaneGeometry(), 3: SpatialGeometry()}
 
 #: Nothing is known by steps, as before the first one
 NONE = np.zeros((2, 0, 0))
@@ -58,7 +58,7 @@ class Trial:
     sizes: dict[str, Rows]  #: Of members and gaps
     radii: dict[str, Rows]
     violations: dict[str, float]  #: Values of constraints by name, positive where they are violated
-    spare: dict[str, float]  #: By how much more than to their bounds some of them are kept
+    margins: dict[str, float]  #: Safety margins of constraints, by name
     logarithm: SignedLog  #: By which psi is compared
     size_penalty: float  #: Weight of the largest violated size in the merit
     warned: tuple[warnings.WarningMessage, ...] = ()  #: What was said while it was computed
@@ -83,39 +83,41 @@ class Trial:
         }
 
     @property
-    def missed_radii(self) -> dict[str, float]:
+    def radius_violations(self) -> dict[str, float]:
         """Share by which the smallest radius of each body is below its minimum."""
-        return {name: rows.missed for name, rows in self.radii.items()}
+        return {name: rows.size_violation for name, rows in self.radii.items()}
 
     @property
     def with_margins(self) -> dict[str, float]:
         """Values of the constraints with their safety margins, by name."""
-        return {name: value + self.spare.get(name, 0.0) for name, value in self.violations.items()}
+        return {
+            name: value + self.margins.get(name, 0.0) for name, value in self.violations.items()
+        }
 
     @property
     def violation(self) -> float:
         """Largest violation of what the steps keep, at least zero."""
         return max(0.0, *self.with_margins.values()) if self.violations else 0.0
 
-    def merit(self, of_bounds: float) -> float:
+    def merit(self, bound_weight: float) -> float:
         """Logarithm of psi, of any sign, and the largest violations with their weights."""
         rows = [*self.sizes.values(), *self.radii.values()]
         narrow = max((float(np.max(part.values, initial=0.0)) for part in rows), default=0.0)
-        return self.without_sizes(of_bounds) + self.size_penalty * narrow
+        return self.without_sizes(bound_weight) + self.size_penalty * narrow
 
-    def without_sizes(self, of_bounds: float) -> float:
+    def without_sizes(self, bound_weight: float) -> float:
         """The merit without sizes, which steps mend where a strut has gone."""
-        return self.logarithm.value(self.evaluation.psi) + of_bounds * self.violation
+        return self.logarithm.value(self.evaluation.psi) + bound_weight * self.violation
 
-    def rank(self, of_bounds: float) -> tuple[bool, float]:
+    def rank(self, bound_weight: float) -> tuple[bool, float]:
         """Which trial is the best: one that satisfies bounds and sizes, and of those by merit."""
-        return max(self.violation, self.missed) > FEASIBLE, self.merit(of_bounds)
+        return max(self.violation, self.size_violation) > FEASIBLE, self.merit(bound_weight)
 
     @property
-    def missed(self) -> float:
+    def size_violation(self) -> float:
         """The largest share by which a member, gap or radius is below its minimum."""
         rows = (*self.sizes.values(), *self.radii.values())
-        return max((part.missed for part in rows), default=0.0)
+        return max((part.size_violation for part in rows), default=0.0)
 
     def release(self) -> None:
         """Free the matrices of its bodies, which would stay beside those of others."""
@@ -143,11 +145,11 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Derivatives by the offsets of the masters along their normals, in minimum members."""
+    """Derivatives by the offsets of the orbits along their normals, in minimum members."""
 
-    psi: Array  #: Of log psi, of any sign, (masters,)
+    psi: Array  #: Of log psi, of any sign, (orbits,)
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
-    slopes: Array | csr_matrix  #: Their derivatives, (m, masters)
+    slopes: Array | csr_matrix  #: Their derivatives, (m, orbits)
     bounds: int  #: Number of bounds
     evaluation: Evaluation  #: With the gradients
 
@@ -161,20 +163,25 @@ class Descent:
     sizes: dict[str, float]  #: Of the triangles [m]
     others: dict[str, Array]  #: Variables of designs without a domain, and densities, that stay
     turn: float = math.inf  #: Size of triangles in notches, in radii
-    spare: dict[str, float] = field(default_factory=dict)  #: Of `Trial`
+    margins: dict[str, float] = field(default_factory=dict)  #: Of `Trial`
     tell: Callable[[str], object] = str  #: Shows that something is tried without a step
     #: By which psi is compared; None before the first trial
     logarithm: SignedLog | None = None
 
     @property
-    def kind(self) -> Kind[Any]:
+    def is_stressed(self) -> bool:
+        """Whether the largest stress counts, so that notches have smaller triangles."""
+        return self.turn < math.inf
+
+    @property
+    def geometry(self) -> BoundaryGeometry[Any]:
         """What its boundaries are."""
-        return kind_of(self.problem)
+        return geometry_of(self.problem)
 
     @property
     def options(self) -> BoundaryOptions:
         """Numbers of the steps."""
-        return self.kind.options
+        return self.geometry.options
 
     def point(
         self, problem: Problem, boundaries: Mapping[str, Boundary | Surface]
@@ -184,7 +191,7 @@ class Descent:
         full = {n: drawn_of(b).density(bodies[n].domain) for n, b in boundaries.items()}
         return full | self.others
 
-    def tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
+    def trial_of(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         """Boundaries meshed and evaluated.
 
         Its warnings stay with the trial, which may not be the result. Raises a TrialFailed if they
@@ -192,15 +199,15 @@ class Descent:
         """
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            trial = self._tried(boundaries)
+            trial = self._trial_of(boundaries)
         return replace(trial, warned=tuple(warned))
 
-    def _tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
+    def _trial_of(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         bodies, comm = dict(self.problem.bodies), ranks_of(self.problem)
-        boundaries = {name: self.kind.agreed(b, comm) for name, b in boundaries.items()}
+        boundaries = {name: self.geometry.agreed(b, comm) for name, b in boundaries.items()}
         with shaping():
             for name, boundary in boundaries.items():
-                domain = self.kind.mesh(boundary, self.sizes[name], self.turn)
+                domain = self.geometry.mesh(boundary, self.sizes[name], self.turn)
                 domain.whole = boundary.body
                 bodies[name] = self.problem.flexible[name].with_domain(domain)
             problem = self.problem.with_bodies(bodies)
@@ -225,18 +232,18 @@ class Descent:
             domain = problem.flexible[name].domain
             share = evaluation.volume[name] * domain.area / boundaries[name].body.area
             violations[f"volume of {name}"] = share / bound_share - 1.0
-        sizes = {name: self.kind.sizes(boundary) for name, boundary in boundaries.items()}
-        radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
+        sizes = {name: self.geometry.sizes(boundary) for name, boundary in boundaries.items()}
+        radii = {name: self.geometry.radii(boundary) for name, boundary in boundaries.items()}
         geometric = sizes, radii, violations
         penalty = self.options.size_penalty
-        return Trial(boundaries, problem, evaluation, *geometric, self.spare, logarithm, penalty)
+        return Trial(boundaries, problem, evaluation, *geometric, self.margins, logarithm, penalty)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
         problem, evaluated = trial.problem.adapted(trial.evaluation, parted)
         evaluation = problem.differentiate(evaluated, nodes=True, densities=False)
-        motions = {n: self.kind.motion(b, bodies[n].domain) for n, b in boundaries.items()}
+        motions = {n: self.geometry.motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
         def along(nodes: Mapping[str, Array] | None) -> Array:
             assert nodes is not None
@@ -246,11 +253,11 @@ class Descent:
                 if name in nodes:
                     by_control = motions[name].pullback(nodes[name])
                     bar = np.einsum("kd,kd->k", by_control, boundary.normals)
-                parts.append(boundary.member * (boundary.shares.T @ bar))
+                parts.append(boundary.member * (boundary.expansion.T @ bar))
             return np.concatenate(parts)
 
-        def by_masters(rows: dict[str, Rows]) -> Array | csr_matrix:
-            blocks = [b.member * (rows[n].slopes @ b.shares) for n, b in boundaries.items()]
+        def by_orbits(rows: dict[str, Rows]) -> Array | csr_matrix:
+            blocks = [b.member * (rows[n].slopes @ b.expansion) for n, b in boundaries.items()]
             if issparse(blocks[0]):
                 return csr_matrix(sparse_block_diag(blocks))
             return block_diag(*blocks)
@@ -260,8 +267,8 @@ class Descent:
         for name, bound in evaluation.constraints.items():
             # each place of a bound keeps the margin of that bound
             margins = [
-                spare
-                for whole, spare in trial.spare.items()
+                value
+                for whole, value in trial.margins.items()
                 if name == whole or name.startswith(f"{whole}, part")
             ]
             violations.append(float(bound.violation) + max(margins, default=0.0) + margin)
@@ -274,14 +281,16 @@ class Descent:
         below, slopes_of_cases = self._cases_below(trial, evaluation, along)
         # no offset is longer than 1.5 times that of the step
         longest = 1.5 * self.options.longest
-        rooms = {n: self.kind.room(b, longest * b.member) for n, b in boundaries.items()}
-        geometric = (trial.sizes, trial.radii, rooms)
+        positions = {
+            n: self.geometry.position_rows(b, longest * b.member) for n, b in boundaries.items()
+        }
+        geometric = (trial.sizes, trial.radii, positions)
         values = [rows.values for by_body in geometric for rows in by_body.values()]
         rows = [*(row - psi for row in slopes_of_cases), *bounds]
         return Slopes(
             psi,
             np.concatenate([*values, below, violations]),
-            _stacked([*map(by_masters, geometric), *(row[None] for row in rows)]),
+            _stacked([*map(by_orbits, geometric), *(row[None] for row in rows)]),
             len(bounds),
             evaluation,
         )
@@ -317,10 +326,13 @@ class Descent:
         """
         boundaries = trial.boundaries
         options = self.options
-        smooth = CURVES.smooth if self.turn < math.inf else options.smooth
-        metrics = [b.shares.T @ b.metric(smooth * b.member) @ b.shares for b in boundaries.values()]
-        is_held = [b.shares.T @ b.held > 0 for b in boundaries.values()]
-        metric, is_held = csc_matrix(sparse_block_diag(metrics)), np.concatenate(is_held)
+        smooth = CURVES.smooth if self.is_stressed else options.smooth
+        metrics, fixed_orbits = [], []
+        for boundary in boundaries.values():
+            expansion = boundary.expansion
+            metrics.append(expansion.T @ boundary.metric(smooth * boundary.member) @ expansion)
+            fixed_orbits.append(expansion.T @ boundary.fixed > 0)
+        metric, fixed = csc_matrix(sparse_block_diag(metrics)), np.concatenate(fixed_orbits)
         constraints, curved = (
             (slopes.values, slopes.slopes),
             curvature(metric, earlier, slopes.psi, options.curvature_share),
@@ -328,11 +340,11 @@ class Descent:
         # round-off may decide which constraints a step is bounded by
         step = on_rank_0(
             ranks_of(self.problem),
-            lambda: best_step(metric, slopes.psi, *constraints, is_held, reach, curved, options),
+            lambda: best_step(metric, slopes.psi, *constraints, fixed, reach, curved, options),
         )
         offsets, start = {}, 0
         for name, boundary in boundaries.items():
-            count, shares = boundary.shares.shape[1], boundary.shares
+            count, shares = boundary.expansion.shape[1], boundary.expansion
             offsets[name] = boundary.member * (shares @ step.offsets[start : start + count])
             start += count
         multipliers = step.multipliers[len(step.multipliers) - slopes.bounds :]
@@ -345,11 +357,12 @@ class Descent:
         each step.
         """
         displacements = [
-            self.kind.way(b, after.boundaries[n]) for n, b in before.boundaries.items()
+            self.geometry.normal_displacement(b, after.boundaries[n])
+            for n, b in before.boundaries.items()
         ]
         motion = np.concatenate(displacements)
         several = before.problem.combine.bounds and len(before.problem.load_cases) > 1
-        if not motion.size or self.turn < math.inf or several:
+        if not motion.size or self.is_stressed or several:
             return NONE
         return secants(earlier, motion, slopes.psi, self.options.secants)
 
@@ -358,9 +371,11 @@ class Descent:
         try:
             with shaping():
                 moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
-                if self.turn == math.inf:  # a step along tangents misses sizes, and costs a value
-                    moved = {n: self.kind.mended(b, FEASIBLE) for n, b in moved.items()}
-            return self.tried(moved)
+                if not self.is_stressed:  # a step along tangents misses sizes, and costs a value
+                    moved = {
+                        n: self.geometry.with_minimum_sizes(b, FEASIBLE) for n, b in moved.items()
+                    }
+            return self.trial_of(moved)
         except TrialFailed:
             return None
 
@@ -384,21 +399,23 @@ class Descent:
     def resolved(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         """Boundaries on meshes that resolve notches or walls."""
         with shaping():
-            fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
+            fine = {n: self.geometry.finer(b) for n, b in boundaries.items()}
         # stress differs as much from mesh to mesh
         margin = 0.5 * self.options.stress_margin
-        sizes = {n: size * (0.5 if self.turn < math.inf else 1.0) for n, size in self.sizes.items()}
-        spare, turn = of_stress(self.problem, margin), STRESSED if self.turn < math.inf else TURN
-        return replace(self, turn=turn, sizes=sizes, spare=spare).tried(fine)
+        sizes = {n: size * (0.5 if self.is_stressed else 1.0) for n, size in self.sizes.items()}
+        margins, turn = of_stress(self.problem, margin), STRESSED if self.is_stressed else TURN
+        return replace(self, turn=turn, sizes=sizes, margins=margins).trial_of(fine)
 
-    def settled(self, trial: Trial) -> Trial:
+    def with_drawn_sizes(self, trial: Trial) -> Trial:
         """With what is drawn of its boundaries mended, if that can be simulated."""
         before = trial.boundaries
-        boundaries = {name: self.kind.settled(boundary) for name, boundary in before.items()}
+        boundaries = {
+            name: self.geometry.with_drawn_sizes(boundary) for name, boundary in before.items()
+        }
         if all(boundaries[name] is before[name] for name in before):
             return trial
         try:
-            return self.tried(boundaries)
+            return self.trial_of(boundaries)
         except TrialFailed:
             return trial
 
@@ -407,11 +424,11 @@ class Descent:
 
         They are made finer and finer until psi stands still.
         """
-        change, repaired = math.inf, self.settled(trial)
+        change, repaired = math.inf, self.with_drawn_sizes(trial)
         if repaired is not trial:
             trial.release()
             trial = repaired
-        for _ in range(self.kind.meshes):
+        for _ in range(self.geometry.finer_meshes):
             trial.release()
             try:
                 refined = self.resolved(trial.boundaries)
@@ -419,7 +436,7 @@ class Descent:
                 break
             change = abs(trial.evaluation.psi / refined.evaluation.psi - 1.0)
             trial = refined
-            if change <= self.kind.still:
+            if change <= self.geometry.mesh_tolerance:
                 break
         return trial, change
 
@@ -429,7 +446,7 @@ class Step:
     """A step of all boundaries."""
 
     offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
-    of_bounds: Array  #: Multipliers of constraints and volumes, in units of log psi
+    bound_multipliers: Array  #: Multipliers of constraints and volumes, in units of log psi
     promised: float  #: Fall of log psi by its slopes and the curvature that is known
 
 
@@ -456,12 +473,12 @@ def _stacked(rows: list[Array | csr_matrix]) -> Array | csr_matrix:
     return csr_matrix(sparse_vstack(list(map(csr_matrix, rows))))
 
 
-def of_stress(problem: Problem, spare: float) -> dict[str, float]:
-    """What to ``spare`` of bounds of a largest stress, by their names."""
-    return {c.label: spare for c in problem.constraints if is_stress(c.objective)}
+def of_stress(problem: Problem, margin: float) -> dict[str, float]:
+    """Safety ``margin`` of bounds of a largest stress, by their names."""
+    return {c.label: margin for c in problem.constraints if is_stress(c.objective)}
 
 
-def kind_of(problem: Problem) -> Kind[Any]:
+def geometry_of(problem: Problem) -> BoundaryGeometry[Any]:
     """What the boundaries of its designed bodies are."""
     first = next(iter(problem.flexible.values()))
-    return _KINDS[first.domain.dimension]
+    return _GEOMETRIES[first.domain.dimension]

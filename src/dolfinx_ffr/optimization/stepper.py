@@ -94,7 +94,7 @@ class BoundarySteps(Protocol):
         """A function that evaluates the first boundaries on finer meshes."""
 
     @property
-    def still(self) -> float:
+    def mesh_tolerance(self) -> float:
         """Largest change of psi by finer meshes without a warning."""
 
     def __iter__(self) -> Iterator[Any]:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..arrays import Array
-from ..boundary import Boundary, Carried, slides
+from ..boundary import Boundary, StrutShares, slides
 from ..problem import Evaluation
 from ..reduction import Struts
 from .descent import Descent, Slopes, Trial
@@ -32,10 +31,10 @@ def changed(
     choose what is tried. The value decides: log psi with a ``weight`` of violated bounds. Where
     steps are ``stuck``, psi may rise by more.
     """
-    options, inserted, removed = descent.kind.options, 0, 0
+    options, inserted, removed = descent.geometry.options, 0, 0
     struts = first_struts = _struts(descent, trial, evaluation, multipliers)
     while inserted < options.changes:
-        better = _braced(descent, trial, struts, weight)
+        better = _with_insertion(descent, trial, struts, weight)
         if better is None:
             break
         trial, inserted = better[0], inserted + better[1]
@@ -43,13 +42,13 @@ def changed(
         struts = _struts(descent, trial, differentiated, multipliers)
     # what was inserted counts as idle: the next strut may have made it needless
     carried = {
-        name: descent.kind.carried(trial.boundaries[name], body_struts)
+        name: descent.geometry.strut_shares(trial.boundaries[name], body_struts)
         for name, body_struts in first_struts.items()
     }
     # a simpler part may cost half of what a new strut must bring
     rise = options.stuck_rise if stuck else 0.5 * options.worth
     for _ in range(options.changes):
-        trial, fewer = _simpler(descent, trial, carried, weight, rise)
+        trial, fewer = _without_idle_struts(descent, trial, carried, weight, rise)
         removed += fewer
         if not fewer:
             break
@@ -65,7 +64,7 @@ def _struts(
     of bodies whose stiffness hardly counts.
     """
     sensitivities: dict[str, Struts] = {}
-    if descent.turn < math.inf:
+    if descent.is_stressed:
         return sensitivities
     for name in trial.boundaries:
         body, bars = trial.problem.flexible[name], evaluation.integrals_gradient or {}
@@ -74,7 +73,7 @@ def _struts(
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
         struts = body.struts(evaluation.bodies[name], bar)
-        if body.domain.sum(struts.carried) > descent.kind.options.stiff:
+        if body.domain.sum(struts.carried) > descent.geometry.options.stiff:
             sensitivities[name] = struts
     return sensitivities
 
@@ -86,12 +85,12 @@ def _evaluated(
     for boundary, count in changes:
         descent.tell(f"psi {trial.evaluation.psi:.5g}")
         try:
-            yield descent.tried({**trial.boundaries, name: boundary}), count
+            yield descent.trial_of({**trial.boundaries, name: boundary}), count
         except TrialFailed:
             continue
 
 
-def _braced(
+def _with_insertion(
     descent: Descent, trial: Trial, struts: dict[str, Struts], weight: float
 ) -> tuple[Trial, int] | None:
     """The first trial with a strut across a hole, or with windows, that lowers psi; and how many.
@@ -99,24 +98,24 @@ def _braced(
     None if there is none.
     """
     for name, body_struts in struts.items():
-        changes = descent.kind.braced(trial.boundaries[name], body_struts)
+        changes = descent.geometry.with_insertions(trial.boundaries[name], body_struts)
         for other, count in _evaluated(descent, trial, name, changes):
             if (
                 other.without_sizes(weight)
-                < trial.without_sizes(weight) - descent.kind.options.worth
+                < trial.without_sizes(weight) - descent.geometry.options.worth
             ):
                 return other, count
             other.release()
     return None
 
 
-def _simpler(
-    descent: Descent, trial: Trial, carried: dict[str, Carried], weight: float, rise: float
+def _without_idle_struts(
+    descent: Descent, trial: Trial, carried: dict[str, StrutShares], weight: float, rise: float
 ) -> tuple[Trial, int]:
     """The best trial without idle struts whose merit rises by less, and how many are gone."""
     removed = 0
     for name, boundary in trial.boundaries.items():
-        changes = descent.kind.simpler(boundary, carried.get(name, {}))
+        changes = descent.geometry.without_idle_struts(boundary, carried.get(name, {}))
         best, least, fewer = trial, trial.without_sizes(weight) + rise, 0
         for other, count in _evaluated(descent, trial, name, changes):
             if other.without_sizes(weight) < least:
@@ -126,7 +125,7 @@ def _simpler(
 
 
 def shifted(
-    descent: Descent, trial: Trial, slopes: Slopes, of_bounds: Array, weight: float
+    descent: Descent, trial: Trial, slopes: Slopes, multipliers: Array, weight: float
 ) -> tuple[Trial, Slopes]:
     """With crossings of struts slid to where psi is lower, and the slopes there.
 
@@ -134,17 +133,17 @@ def shifted(
     """
     boundaries = {n: b for n, b in trial.boundaries.items() if isinstance(b, Boundary)}
     motions = {n: slides(b) for n, b in boundaries.items()}
-    if descent.turn < math.inf or not any(map(len, motions.values())):
+    if descent.is_stressed or not any(map(len, motions.values())):
         return trial, slopes
-    by_masters = [
-        np.einsum("skd,kd->sk", motions[n], b.normals) @ b.shares / b.shares.sum(axis=0).A1
+    by_orbits = [
+        np.einsum("skd,kd->sk", motions[n], b.normals) @ b.expansion / b.expansion.sum(axis=0).A1
         for n, b in boundaries.items()
     ]
-    by_motions, ends = block_diag(*by_masters), np.cumsum(list(map(len, by_masters)))[:-1]
+    by_motions, ends = block_diag(*by_orbits), np.cumsum(list(map(len, by_orbits)))[:-1]
 
     def along(found: Slopes) -> Array:
         bounds = found.slopes[len(found.values) - found.bounds :]
-        return np.asarray(by_motions @ (found.psi + of_bounds @ bounds))
+        return np.asarray(by_motions @ (found.psi + multipliers @ bounds))
 
     def slid(lengths: Array) -> Trial | None:
         each = zip(boundaries.items(), np.split(lengths, ends), strict=True)
@@ -153,11 +152,11 @@ def shifted(
                 slopes_there = {
                     n: b.slid(b.member * np.tensordot(s, motions[n], 1)) for (n, b), s in each
                 }
-            return descent.tried({**trial.boundaries, **slopes_there})
+            return descent.trial_of({**trial.boundaries, **slopes_there})
         except TrialFailed:
             return None
 
-    options, slope = descent.kind.options, along(slopes)
+    options, slope = descent.geometry.options, along(slopes)
     # of crossings whose slide by a member would bring a tenth of what another change must
     slides_on = np.abs(slope) > 0.1 * options.worth
     lengths = np.where(slides_on, -options.slide * np.sign(slope), 0.0)
