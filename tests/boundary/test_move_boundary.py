@@ -171,7 +171,7 @@ def test_sizes_that_are_missed_are_mended_by_a_small_motion() -> None:
     smallest = kind.sizes(replace(boundary, member=0.0185)).smallest
     thin = replace(boundary, member=1.03 * smallest)
     assert kind.sizes(thin).size_violation == pytest.approx(1.0 - 1.0 / 1.03, rel=0.01)
-    mended = kind.with_minimum_sizes(thin, 2e-3, 0.65)
+    mended = kind.with_minimum_sizes(thin, 2e-3)
     assert kind.sizes(mended).size_violation <= 2e-3 and kind.radii(mended).size_violation <= 2e-3
     assert mended.material.area < spread(thin).material.area * (1.0 + 1e-4)
     way = thin.expansion @ kind.normal_displacement(thin, mended) * thin.member
@@ -180,7 +180,7 @@ def test_sizes_that_are_missed_are_mended_by_a_small_motion() -> None:
     # across the curves, but for controls that are kept where they may be
     off = np.einsum("kd,kd->k", here - there, thin.normals) - way
     assert np.quantile(np.abs(off), 0.9) < 1e-9
-    for key, curve in kind.with_minimum_sizes(boundary, 2e-3, 0.65).free.items():
+    for key, curve in kind.with_minimum_sizes(boundary, 2e-3).free.items():
         assert np.array_equal(curve.control, spread(boundary).free[key].control)
 
 
@@ -603,5 +603,7 @@ def test_a_curve_around_a_solid_rim_stays_off_it_and_in_the_body() -> None:
     for strip in (lambda x: 0.008 - np.abs(x[:, 1]), lambda x: x[:, 1] + 0.008):
         made = Boundary.of(ffr.Part(body, strip, 0.0025), 0.005)
         for found in (made, made.moved(np.linspace(-2e-3, 2e-3, made.n_controls))):
-            outer, room = (shapely.Polygon(x.exterior) for x in (found.material, found.room))
+            outer, room = (
+                shapely.Polygon(x.exterior) for x in (found.material, found.body_polygon)
+            )
             assert found.valid and outer.difference(room).area < 1e-3 * found.member**2

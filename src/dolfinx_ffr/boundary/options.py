@@ -67,7 +67,6 @@ class BoundaryOptions:
 
     # the topology
     worth: float = 1e-3  #: Fall of the merit for which it changes; simpler parts may cost half
-    stuck_rise: float = 2e-3  #: Rise for which a part becomes simpler where no step is better
     changes: int = 8  #: Most changes of each kind between two steps
     stiff: float = 0.1  #: Share of psi that a body's stiffness carries where struts count at all
     idle: float = 2e-3  #: Share of psi that a strut carries at most to be removed on trial

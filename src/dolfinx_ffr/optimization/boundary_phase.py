@@ -60,9 +60,9 @@ def move_boundary(
     Each step makes new meshes that fit the boundaries, and takes the exact derivative with respect
     to each of their nodes. Constraints of the problem, the volume, and the minimum size of members,
     gaps and radii are linear constraints of the step. Before the first step and every fifth one
-    after it, and where no step is better, struts are inserted across holes of a body in the plane
-    if psi falls by them, and windows in walls of a solid; struts that carry little or cost more
-    than they carry, and small holes, are tried without, and crossings slide as a whole. Every five
+    after it, struts are inserted across holes of a body in the plane if psi falls by them, and
+    windows in walls of a solid; struts that carry little are removed on trial, and crossings slide
+    as a whole. Every five
     steps normal modes are added where they do not suffice. Ctrl-C ends the run after the step at
     hand.
 

@@ -85,14 +85,9 @@ class CurveSteps(Iterator[Trial]):
         number = self.number + 1
         slopes = self._descent.slopes(self.trial, self._margin)
         inserted = removed = 0
-        # where no step is better, there may be one with another topology
-        for stuck in (False, True):
-            if (stuck or number % EVERY == 1) and number < max(self.planned - 1, 2):
-                slopes, inserted, removed = self._change_topology(slopes, stuck)
-            after, step, rejected = self._accepted(slopes)
-            if after is not None:
-                break
-            self._reach = self._options.first
+        if number % EVERY == 1 and number < max(self.planned - 1, 2):
+            slopes, inserted, removed = self._change_topology(slopes)
+        after, step, rejected = self._accepted(slopes)
         if after is None or step is None:
             raise StopIteration
         self._adapt(after, step)
@@ -108,11 +103,11 @@ class CurveSteps(Iterator[Trial]):
         self.row = self.trial.row(longest, rejected, removed, inserted)
         return self.trial
 
-    def _change_topology(self, slopes: Slopes, stuck: bool) -> tuple[Slopes, int, int]:
+    def _change_topology(self, slopes: Slopes) -> tuple[Slopes, int, int]:
         """Insert, delete and translate struts; the slopes there, and how many came and went."""
         before, step = self.trial, self._descent.step(self.trial, slopes, self._reach)
         trial, inserted, removed = changed(
-            self._descent, before, slopes.evaluation, step.bound_multipliers, self._weight, stuck
+            self._descent, before, slopes.evaluation, step.bound_multipliers, self._weight
         )
         if trial is not before:
             before.release()

@@ -23,13 +23,11 @@ def changed(
     evaluation: Evaluation,
     multipliers: Array,
     weight: float,
-    stuck: bool,
 ) -> tuple[Trial, int, int]:
     """Insert promising struts or windows, delete idle struts; the trial and both counts.
 
     The ``evaluation`` of the trial with its derivatives, and the ``multipliers`` of its bounds,
-    choose what is tried. The value decides: log psi with a ``weight`` of violated bounds. Where
-    steps are ``stuck``, psi may rise by more.
+    choose what is tried. The value decides: log psi with a ``weight`` of violated bounds.
     """
     options, inserted, removed = descent.geometry.options, 0, 0
     struts = first_struts = _struts(descent, trial, evaluation, multipliers)
@@ -46,7 +44,7 @@ def changed(
         for name, body_struts in first_struts.items()
     }
     # a simpler part may cost half of what a new strut must bring
-    rise = options.stuck_rise if stuck else 0.5 * options.worth
+    rise = 0.5 * options.worth
     for _ in range(options.changes):
         trial, fewer = _without_idle_struts(descent, trial, carried, weight, rise)
         removed += fewer
