@@ -26,7 +26,7 @@ from .style import DARK, GRAY, LABEL, LIGHT, STEEL
 
 #: Cells of less density are not drawn
 VOID = 0.3
-#: Size of a pin, and margin around the mechanism, relative to the extent of what is drawn
+#: Size of a pin, and margin around the mechanism, relative to the extent of the drawing
 _PIN, _MARGIN = 0.018, 0.06
 #: Width of a letter and height of a line, in sizes of a pin
 _LETTER, _LINE = 0.7, 1.6

@@ -39,7 +39,7 @@ BETWEEN = 10
 _WIDTH = 9.0
 #: Parts of red, green and blue above which a colour of a film is white, as its background
 _WHITE = 240
-#: Colors of a film that are those of energies, among 256
+#: Number of colours for energies, among the 256 of a film
 _GLOWING = 120
 #: Height of the curve below a film divided by its width
 _CURVE = 0.13
