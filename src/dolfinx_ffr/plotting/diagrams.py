@@ -32,12 +32,8 @@ _COLUMNS = {
     "mode_error": ("estimated error, modes left out", "%"),
     "step": ("size of the step", ""),
 }
-#: Letters that a heading and the value beside it have in one line
-_HEADING = 42
 #: Prefixes of the columns of load cases and of parameters
 _LOAD_CASE, _PARAMETER = "psi of ", "parameter "
-#: Largest number of parameters that a legend names
-_MOST_NAMED = 12
 
 
 def plot_history(
@@ -149,7 +145,7 @@ def _draw_parameters(
         axes.set_title("parameters between their bounds", loc="left")
         _draw_level(axes, 0.0, style.GRAY, "lower bounds")
         _draw_level(axes, 1.0, style.GRAY, "upper bounds")
-    with_legend = len(labels) <= _MOST_NAMED
+    with_legend = len(labels) <= style.PICTURES.most_named
     for label, curve, last, color in zip(labels, shares, values[:, -1], cycle(style.ACCENTS)):
         name, _, unit = label.removeprefix(_PARAMETER).removesuffix("]").partition(" [")
         text = f"{name} {last:.4g} {unit}".rstrip() if with_legend else ""
@@ -199,7 +195,7 @@ def _draw_column(
             _name_level(axes, float(np.nanmax(gray)), style.GRAY, "between void and solid", 0.02)
     last = f"{values[-1]:.4g}"
     title = f"{heading} [{unit}]" if unit else heading
-    axes.set_title(textwrap.fill(title, _HEADING - len(last)), loc="left")
+    axes.set_title(textwrap.fill(title, style.PICTURES.heading - len(last)), loc="left")
     axes.set_title(last, loc="right", color=style.BLUE)
 
 

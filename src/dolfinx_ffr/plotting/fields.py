@@ -26,17 +26,10 @@ from ..reduction import FlexibleBody, ReducedBody
 from . import style
 from .canvas import canvas_class
 from .drawn_mesh import DrawnMesh, gathered_mesh
-from .mechanism_view import VOID
 
 if TYPE_CHECKING:
     import pyvista
 
-#: Largest displacement that is drawn of a mode, relative to the extent of the body
-_MODE_SIZE = 0.08
-#: Percentage of the solid cells whose stress has a colour of its own; larger ones share the last
-_STRESS_RANGE = 99.7
-#: Share of orange in the colour of elements that are selected
-_ORANGE = 0.45
 _SHADES = ScalarMappable(Normalize(0.0, 1.0), "gray_r")
 
 
@@ -126,7 +119,7 @@ def plot_gradient_elements(
     def draw(canvas: Any, panel: int) -> None:
         density, selected = panels[panel]
         colors = _SHADES.to_rgba(0.75 * density)
-        colors[selected] += _ORANGE * (to_rgba(style.ORANGE) - colors[selected])
+        colors[selected] += style.PICTURES.selected * (to_rgba(style.ORANGE) - colors[selected])
         canvas.add_cells(mesh, np.ones(len(density), dtype=bool))(mesh.points, colors)
 
     return _write_page(path, mesh, list(pairs), draw, title)
@@ -173,7 +166,7 @@ def plot_stress(
     solid_values = values[shown] if shown.any() else np.zeros(1)  # on the other ranks
     unit, factor = style.prefixed(float(solid_values.max()), "Pa")
     values = values * factor
-    top = float(np.percentile(solid_values, _STRESS_RANGE)) * factor or 1.0
+    top = float(np.percentile(solid_values, style.PICTURES.stress_range)) * factor or 1.0
     colors = ScalarMappable(Normalize(0.0, top), style.GLOW)
 
     mesh = gathered_mesh(domain)
@@ -209,7 +202,7 @@ def plot_modes(
     validation.instance("plot_modes: reduced", reduced, ReducedBody, needed)
     mesh = gathered_mesh(body.domain)
     shapes = mesh.displacements(reduced.basis.shapes)
-    shown = body.domain.on_rank_0(reduced.density) >= VOID
+    shown = body.domain.on_rank_0(reduced.density) >= style.PICTURES.void
     colors = ScalarMappable(Normalize(0.0, 1.0), "viridis")
 
     def draw(canvas: Any, panel: int) -> None:
@@ -217,12 +210,12 @@ def plot_modes(
         amount = np.linalg.norm(shape, axis=1)
         largest = float(amount.max()) or 1.0
         extent = float(np.max(np.ptp(mesh.points, axis=0)))
-        scale = _sign(mesh.points, shape) * _MODE_SIZE * extent / largest
+        scale = _sign(mesh.points, shape) * style.PICTURES.mode_size * extent / largest
         move = canvas.add_cells(mesh, shown, at_points=True)
         move(mesh.points + scale * shape, colors.to_rgba(amount / largest))
 
     bar = colors, "displacement, relative to its maximum"
-    page: dict[str, Any] = {"columns": 3, "margin": _MODE_SIZE, "color_bar": bar}
+    page: dict[str, Any] = {"columns": 3, "margin": style.PICTURES.mode_size, "color_bar": bar}
     return _write_page(path, mesh, _mode_names(body, reduced), draw, title, **page)
 
 
@@ -295,7 +288,7 @@ def _write_page(
     canvas_of_body = canvas_class(mesh.domain.dimension)
 
     def draw(file: Path) -> None:
-        width = style.WIDTH if columns == 1 else 12.0
+        width = style.PICTURES.width if columns == 1 else style.PICTURES.modes_width
         points = canvas_of_body.project(mesh.points)
         with style.page(file, headings, title=title, width=width, columns=columns) as panels:
             for panel, axes in enumerate(panels):

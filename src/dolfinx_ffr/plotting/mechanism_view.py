@@ -22,14 +22,7 @@ from ..arrays import Array
 from ..mechanism import Ground, Joint, Line, Marker, Slider, Spring, Symbol
 from .canvas import canvas_class
 from .scene import Arm, DrawnBody, Scene
-from .style import DARK, GRAY, LABEL, LIGHT, STEEL
-
-#: Cells of less density are not drawn
-VOID = 0.3
-#: Size of a pin, and margin around the mechanism, relative to the extent of the drawing
-_PIN, _MARGIN = 0.018, 0.06
-#: Width of a letter and height of a line, in sizes of a pin
-_LETTER, _LINE = 0.7, 1.6
+from .style import DARK, GRAY, LABEL, LIGHT, PICTURES, STEEL
 
 
 class MechanismView:
@@ -53,8 +46,9 @@ class MechanismView:
         self._updates: list[Callable[[int], None]] = []
         self._texts: list[tuple[Array, Array]] = []  # middles and sizes [m]
         canvas = canvas_class(scene.dimension)
-        self.canvas = canvas(axes, scene.visible_points(magnification, canvas.project), _MARGIN)
-        self.unit = _PIN * self.canvas.extent  #: Size of a pin [m]
+        visible = scene.visible_points(magnification, canvas.project)
+        self.canvas = canvas(axes, visible, PICTURES.margin)
+        self.unit = PICTURES.pin * self.canvas.extent  #: Size of a pin [m]
         connections = (*scene.mechanism.joints, *scene.mechanism.forces)
         for symbol in (symbol for connection in connections for symbol in connection.symbols):
             self._add_symbol(symbol)
@@ -130,7 +124,7 @@ class MechanismView:
     def _add_mesh(self, body: DrawnBody, mesh: Any) -> None:
         """Draw the cells that are not void, the outline of the whole body, and its interfaces."""
         move_outline = self.canvas.add_outline(mesh, LIGHT)
-        move_cells = self.canvas.add_cells(mesh, body.density >= VOID)
+        move_cells = self.canvas.add_cells(mesh, body.density >= PICTURES.void)
         ends = dict.fromkeys(mesh.interfaces, STEEL)
         move_interfaces = self.canvas.add_interfaces(mesh, ends, 3.0)
 
@@ -275,7 +269,7 @@ class MechanismView:
         position = start + (reach + 1.6 * self.unit) * direction
 
         side = 0.0 if abs(direction[0]) < 0.5 else float(np.sign(direction[0]))
-        size = self.unit * np.array([_LETTER * len(text), _LINE])
+        size = self.unit * np.array([PICTURES.letter * len(text), PICTURES.line])
         middle = position + np.array([0.5 * side * size[0], 0.0])
         up = np.array([0.0, 1.0 if direction[1] >= 0.0 else -1.0])
         while any(np.all(np.abs(middle - m) < 0.5 * (size + s)) for m, s in self._texts):

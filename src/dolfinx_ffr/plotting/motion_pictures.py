@@ -27,22 +27,9 @@ from ..arrays import Array
 from ..fem import Domain
 from ..problem import Evaluation, Problem
 from . import style
-from .mechanism_view import VOID, MechanismView
+from .mechanism_view import MechanismView
 from .part_view import STEEL, outline_path
 from .scene import Scene
-
-#: Deflection that is drawn, relative to the extent of the largest body
-_DEFLECTION = 0.1
-#: Instants that are evaluated from one picture of a film to the next, where the time steps are few
-BETWEEN = 10
-#: Width of scenes and films [inches]
-_WIDTH = 9.0
-#: Parts of red, green and blue above which a colour of a film is white, as its background
-_WHITE = 240
-#: Number of colours for energies, among the 256 of a film
-_GLOWING = 120
-#: Height of the curve below a film divided by its width
-_CURVE = 0.13
 
 
 def plot_scene(
@@ -98,7 +85,7 @@ def plot_scene(
             scale = _visible_magnification(scene)
             colors, label = _energy_colors(scene)
         heading = f"{_heading(title, scale)}   t = {scene.times[0]:.3f} s"
-        with style.page(file, [heading], width=_WIDTH) as (axes,):
+        with style.page(file, [heading], width=style.PICTURES.scene_width) as (axes,):
             view = MechanismView(axes, scene, scale, colors, labels=True)
             view.show(0)
             view.canvas.close()
@@ -144,7 +131,7 @@ def animate_motion(
     t = trajectory.t
     # long steps of unequal lengths are evaluated in between
     if trajectory.integrator.stages > 1 and trajectory.follows_turns:
-        t = np.linspace(t[0], t[-1], BETWEEN * (frames - 1) + 1)
+        t = np.linspace(t[0], t[-1], style.PICTURES.between * (frames - 1) + 1)
         ((name, case),) = evaluation.load_cases.items()
         even = replace(case, trajectory=trajectory.at(t))
         evaluation = replace(evaluation, load_cases={name: even})
@@ -259,9 +246,10 @@ def _film(file: Path, rate: float) -> Iterator[tuple[Axes, Axes, AddPictures]]:
 
     Beside the first axes, the last line of the axes below moves.
     """
-    with style.styled_figure(_WIDTH, 1.7 * _WIDTH, dpi=100.0) as figure:
+    width = style.PICTURES.scene_width
+    with style.styled_figure(width, style.PICTURES.tallest_film * width, dpi=100.0) as figure:
         axes, below = figure.subplots(2, 1)
-        below.set_box_aspect(_CURVE)
+        below.set_box_aspect(style.PICTURES.curve)
         below.locator_params(axis="y", nbins=3)
         style.tidy(below)
 
@@ -311,10 +299,10 @@ class GifWriter(AbstractMovieWriter):
         """Write the file."""
         sample = self.pictures[:: max(1, len(self.pictures) // 8)]
         stacked = Image.fromarray(np.vstack([np.asarray(picture) for picture in sample]))
-        glow = np.round(255.0 * style.GLOW(np.linspace(0.0, 1.0, _GLOWING))[:, :3])
-        palette = stacked.quantize(256 - _GLOWING, method=Image.Quantize.MEDIANCUT)
-        colors = np.reshape(palette.getpalette(), (-1, 3))[: 256 - _GLOWING]
-        colors[colors.min(axis=1) > _WHITE] = 255
+        glow = np.round(255.0 * style.GLOW(np.linspace(0.0, 1.0, style.PICTURES.glowing))[:, :3])
+        palette = stacked.quantize(256 - style.PICTURES.glowing, method=Image.Quantize.MEDIANCUT)
+        colors = np.reshape(palette.getpalette(), (-1, 3))[: 256 - style.PICTURES.glowing]
+        colors[colors.min(axis=1) > style.PICTURES.white] = 255
         palette.putpalette(np.vstack([colors, glow]).astype(int).ravel().tolist())
         dither = Image.Dither.NONE
         first, *rest = [p.quantize(palette=palette, dither=dither) for p in self.pictures]
@@ -336,7 +324,7 @@ def _visible_magnification(scene: Scene) -> float:
     largest = max((body.deflection(i) for body in bodies for i in instants), default=0.0)
     if largest <= 1e-12 * scene.size():
         return 1.0
-    return max(style.nice_number(_DEFLECTION * scene.size() / largest), 1.0)
+    return max(style.nice_number(style.PICTURES.deflection * scene.size() / largest), 1.0)
 
 
 def _heading(title: str, magnification: float) -> str:
@@ -349,7 +337,7 @@ def _heading(title: str, magnification: float) -> str:
 
 def _energy_colors(scene: Scene) -> tuple[ScalarMappable, str]:
     """Colours of strain energy densities, and the name of their scale."""
-    drawn = [body.energy[:, body.density >= VOID] for body in scene.bodies.values()]
+    drawn = [body.energy[:, body.density >= style.PICTURES.void] for body in scene.bodies.values()]
     top = max((float(np.max(energy, initial=0.0)) for energy in drawn), default=0.0)
     unit, factor = style.prefixed(top, "J/m³")
     colors = ScalarMappable(PowerNorm(0.5, 0.0, top or 1.0), style.GLOW)

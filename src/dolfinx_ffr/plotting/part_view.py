@@ -47,7 +47,7 @@ def plot_part(part: Part | Solid, path: str | Path, *, title: str = "") -> Path:
     low, high = part.body.bounding_box  # collective where it is asked for the first time
 
     def draw(file: Path) -> None:
-        with style.styled_figure(style.WIDTH, 2.0 * style.WIDTH, file) as figure:
+        with style.styled_figure(style.PICTURES.width, 2.0 * style.PICTURES.width, file) as figure:
             if title:
                 figure.suptitle(title)
             places = figure.subplot_mosaic("CC;AB")

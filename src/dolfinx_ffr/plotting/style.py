@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,45 @@ from ..arrays import Array
 from ..files import whole_file
 from ..parallel import on_rank_0
 
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """Sizes and numbers that are chosen for pictures."""
+
+    width: float = 10.4  #: Of a page [inches]
+    scene_width: float = 9.0  #: Of scenes and films [inches]
+    modes_width: float = 12.0  #: Of pages in columns [inches]
+    pad: float = 0.1  #: Space around axes [inches]
+    tallest: float = 1.25  #: Height of a panel divided by its width, at most
+
+    # bodies
+    void: float = 0.3  #: Cells of less density are not drawn
+    #: Percentage of solid cells whose stress has a colour of its own; larger ones share the last
+    stress_range: float = 99.7
+    selected: float = 0.45  #: Share of orange in the colour of elements that are selected
+    mode_size: float = 0.08  #: Largest displacement of a mode, relative to the extent of the body
+
+    # mechanisms
+    pin: float = 0.018  #: Size of a pin, relative to the extent of what is drawn
+    margin: float = 0.06  #: Space around a mechanism, likewise
+    letter: float = 0.7  #: Width of a letter, in pins
+    line: float = 1.6  #: Height of a line of text, in pins
+    deflection: float = 0.1  #: Largest one after magnification, relative to the largest body
+
+    # films
+    between: int = 10  #: Instants evaluated for each picture where time steps are few
+    tallest_film: float = 1.7  #: Height of a film divided by its width, at most
+    curve: float = 0.13  #: Height of the curve below, divided by its width
+    glowing: int = 120  #: Colors that are those of energies, among 256
+    white: int = 240  #: Parts of red, green and blue above which a color is white
+
+    # diagrams
+    heading: int = 42  #: Letters that a heading and the value beside it have in one line
+    most_named: int = 12  #: Largest number of parameters that a legend names
+
+
+PICTURES = PictureOptions()
+
 #: Files that matplotlib writes here
 KINDS = (".png", ".pdf", ".svg")
 DARK, GRAY, LIGHT = "#22272e", "#7d8590", "#c9d1d9"
@@ -40,10 +80,6 @@ GLOW = LinearSegmentedColormap.from_list(
 #: Background of text that is written over a picture
 LABEL = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
 
-#: Width of pictures, and space around the axes [inches]
-WIDTH, _PAD = 10.4, 0.1
-#: Height of a panel divided by its width, at most
-_TALLEST = 1.25
 #: Settings that differ from matplotlib's defaults
 _STYLE: dict[str, Any] = {
     "axes.titlesize": 11.0,
@@ -51,8 +87,8 @@ _STYLE: dict[str, Any] = {
     "axes.edgecolor": GRAY,
     "axes.titlecolor": DARK,
     "figure.constrained_layout.use": True,
-    "figure.constrained_layout.h_pad": _PAD,
-    "figure.constrained_layout.w_pad": _PAD,
+    "figure.constrained_layout.h_pad": PICTURES.pad,
+    "figure.constrained_layout.w_pad": PICTURES.pad,
     "figure.titlesize": 13.0,
     "grid.color": "#e4e8ec",
     "legend.frameon": False,
@@ -90,13 +126,13 @@ def page(
     headings: Iterable[str],
     *,
     title: str = "",
-    width: float = WIDTH,
+    width: float = PICTURES.width,
     columns: int = 1,
 ) -> Iterator[list[Axes]]:
     """Axes of equal scales below each heading, in a figure that is as high as they need."""
     headings = list(headings)
     rows = -(-len(headings) // columns)
-    with styled_figure(width, rows * _TALLEST * width / columns, file) as figure:
+    with styled_figure(width, rows * PICTURES.tallest * width / columns, file) as figure:
         if title:
             figure.suptitle(title)
         panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
@@ -122,7 +158,7 @@ def fit_height(figure: Figure, panels: Sequence[Axes]) -> None:
     color_bars = [axes.get_tightbbox(renderer) for axes in figure.axes if axes not in panels]
     others = [*color_bars, *(text.get_window_extent(renderer) for text in figure.texts)]
     pixels = np.sum(heights_with_texts) + sum(box.height for box in others)
-    pads = 2 * (len(heights) + len(others)) * _PAD
+    pads = 2 * (len(heights) + len(others)) * PICTURES.pad
     figure.set_figheight(float(pixels) / figure.dpi + pads)
 
 
