@@ -183,7 +183,7 @@ def check_loads(name: str, stiffening: Mapping[str, Array], d: int, r: int, G: A
 def inertia_of_point(position: Array, mass: float) -> dict[str, Array]:
     """Inertia force of a point mass in the body's axes by unit load, shape (*load, *force)."""
     unit = np.eye(position.size)
-    found = {"acceleration": -mass * unit}
+    inertia = {"acceleration": -mass * unit}
     if position.size == 3:
-        return found | {"rotation": -mass * np.einsum("l,ki->kli", position, unit)}
-    return found | {"omega2": mass * position, "alpha": -mass * (QUARTER_TURN @ position)}
+        return inertia | {"rotation": -mass * np.einsum("l,ki->kli", position, unit)}
+    return inertia | {"omega2": mass * position, "alpha": -mass * (QUARTER_TURN @ position)}

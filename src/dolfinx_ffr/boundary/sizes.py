@@ -43,7 +43,7 @@ class Rows(NamedTuple):
 
     @property
     def missed(self) -> float:
-        """By how much the smallest size is below the minimum, relative to that; at least zero."""
+        """Largest relative violation of the minimum size; at least zero."""
         return max(0.0, 1.0 - SPARE * (1.0 - float(np.max(self.values, initial=-np.inf))))
 
 

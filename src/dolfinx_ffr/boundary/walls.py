@@ -61,7 +61,7 @@ class Walls(NamedTuple):
         return float(np.min(self.thickness, initial=np.inf))
 
     def upto(self, thickness: float) -> Walls:
-        """Those that are no thicker [m]."""
+        """The balls that are no thicker [m]."""
         count = int(np.searchsorted(self.thickness, thickness))
         return Walls._make(part[:count] for part in self)
 
@@ -71,7 +71,7 @@ class Sides:
 
     Args:
         body: Its tetrahedra.
-        spacing: Of the samples, about [m].
+        spacing: Approximate distance of the samples [m].
     """
 
     def __init__(self, body: Tetrahedra, spacing: float) -> None:
@@ -92,7 +92,7 @@ class Sides:
 
     @staticmethod
     def of(body: Domain, spacing: float) -> Sides | None:
-        """Those of a ``body``, None on other ranks than 0."""
+        """The samples of a ``body``; None on other ranks than 0."""
         found = Tetrahedra.of(body)
         return None if body.comm.rank else Sides(found, spacing)
 
@@ -298,5 +298,5 @@ def _samples(body: Tetrahedra, chosen: Mask, spacing: float) -> tuple[Array, Arr
 
 
 def _unit(vectors: Array) -> Any:
-    """Of length one, (n, 3)."""
+    """Vectors scaled to length one, (n, 3)."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

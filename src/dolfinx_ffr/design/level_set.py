@@ -350,7 +350,7 @@ class LevelSet(Design):
 
     @property
     def projection(self) -> HeavisideProjection:
-        """From f to material."""
+        """The projection from f to material."""
         return HeavisideProjection(self.sharpness, self.threshold)
 
     @property
@@ -477,7 +477,7 @@ class LevelSet(Design):
         Args:
             columns: Number of holes along the longer side of the body's bounding box.
             rows: Number of holes across.
-            radius: Of the holes [m]; zero leaves the body solid.
+            radius: Radius of the holes [m]; zero leaves the body solid.
             margin: Distance of the outermost rows' centers from the longer sides [m]; by default
                 half the distance between rows.
 

@@ -123,7 +123,7 @@ class Variables(ABC):
 
 
 class Design(Variables):
-    """From bounded variables to the density of one body, and back."""
+    """A map from bounded variables to the density of one body, with its transpose."""
 
     domain: Domain  #: Of the body
     #: Steepness of the step from void to solid: 1 is gray, 32 is sharp, as designs without a step
@@ -181,14 +181,14 @@ class DensityDesign(Design):
 
     Args:
         domain: The body.
-        radius: Of the filter [m]; by default two and a half mean elements. With shorter ones
+        radius: Radius of the filter [m]; by default two and a half mean elements. With shorter ones
             struts may be connected by corners of elements, which are too stiff. Zero filters
             nothing.
         eta: Threshold of the projection, in (0, 1).
         hole_rim: Width of the rim that stays solid around each hole of the body's drawing, with a
             name or without [m]; by default 0.64 mean elements, the minimum member of densities, 0
             for none.
-        web: As of `LevelSet`.
+        web: Web of pockets, as for `LevelSet`.
     """
 
     each: ClassVar[str] = "designed cell"

@@ -68,7 +68,7 @@ OPTIONS = VibrationOptions()
 
 @dataclass(frozen=True)
 class VibrationError:
-    """What time steps change of the mean strain energy by vibrations."""
+    """Relative change of the mean strain energy of vibrations by time steps."""
 
     #: Relative to the mean strain energy of all bodies, or, of lost vibrations where none is
     #: flexible, to the mean square of the accelerations by mass [-].

@@ -131,7 +131,7 @@ class Line(Curve):
 
 @dataclass(frozen=True, eq=False)
 class Arc(Curve):
-    """An arc of a circle, or a whole one where start and end are the same."""
+    """An arc of a circle, or a whole circle if start and end are equal."""
 
     start: Array  #: (2,) [m]
     end: Array  #: (2,) [m]
@@ -145,7 +145,7 @@ class Arc(Curve):
 
     @property
     def angle(self) -> float:
-        """Of the start, from the x axis [rad]."""
+        """Angle of the start from the x axis [rad]."""
         return float(np.arctan2(*(self.start - self.center)[::-1]))
 
     def at(self, t: Array) -> Array:

@@ -163,7 +163,7 @@ def _check_cells(corners: Integers, sides: Integers, source: str) -> None:
 
 
 def _facets(model: Any, dim: int, source: str, used: Integers, width: int) -> dict[str, Integers]:
-    """By group the corners (facets, width) of facets, as numbers among the ``used`` nodes."""
+    """Corners (facets, width) of facets by group, as numbers among the ``used`` nodes."""
     facet, cell = KINDS[dim - 1 : dim + 1]
     facets: dict[str, Integers] = {}
     for entity, name in _parts(model, dim - 1):

@@ -431,7 +431,7 @@ def _refuse_touching(source: str, common: shapely.Geometry) -> None:
 def _meeting(
     face: Face, curves: Sequence[Curve], candidates: Sequence[int], fine: float
 ) -> list[int]:
-    """Of other curves the numbers of those that meet a face."""
+    """Numbers of other curves that meet a face."""
     region = face_polygon(curves, face.loops, fine)
     return [i for i in candidates if region.intersects(shapely.LineString(curves[i].points(fine)))]
 

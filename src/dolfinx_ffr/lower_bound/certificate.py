@@ -148,8 +148,8 @@ def _least(
 
     Args:
         domain: The body, whose cells stay solid in part.
-        integrals: Of g over cells, shape (cells,).
-        coefficients: Of g in cells, shape (cells, polynomials).
+        integrals: Integrals of g over cells, shape (cells,).
+        coefficients: Coefficients of g in cells, shape (cells, polynomials).
         share: None for any.
         basis: The polynomials of the coefficients; None where g is constant in each cell.
     """

@@ -42,8 +42,8 @@ class UnitResponse:
     The loads belong to the fields of acceleration, then to forces and moments at the markers.
 
     Attributes:
-        displacements: Of this rank's dofs by each load, shape (dofs, loads).
-        work: Of each load in the displacement by each other one, shape (loads, loads).
+        displacements: Displacements of this rank's dofs by each load, shape (dofs, loads).
+        work: Work of each load on the displacement by each other load, shape (loads, loads).
         inertia: Int rho x F_k . E_l of the fields of acceleration and the motions of the rigid
             body, shape (fields, motions).
     """

@@ -423,7 +423,7 @@ class Constraint:
     so that g is a number without unit; with a positive upper bound g = psi / upper - 1.
 
     Attributes:
-        objective: What is bounded.
+        objective: The bounded objective.
         upper: Largest value allowed, in the unit of the objective.
         lower: Smallest value allowed, in the unit of the objective.
         name: Name for results and messages; by default the name of the objective's class.

@@ -115,7 +115,7 @@ class PowerMean(Combination):
 
     Args:
         p: Exponent, at least 1, the weighted mean; about 8 comes near to the largest value.
-        weights: As for every combination.
+        weights: Weights as for every combination.
     """
 
     p: float = field(default=8.0, kw_only=True)

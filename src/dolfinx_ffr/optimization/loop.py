@@ -335,7 +335,7 @@ class DesignLoop:
         """The ``evaluation`` with its gradient, whose report goes into the history.
 
         Args:
-            evaluation: Of the problem, at an accepted design.
+            evaluation: Evaluation of the problem at an accepted design.
             distance: Distance from the active boundary, see `GradientMethod`.
             iteration: Number of the iteration.
             problem: The evaluated problem, if it is not the problem of the loop.

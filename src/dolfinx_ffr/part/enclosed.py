@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a design encloses: the common part of a flat part and of a solid."""
+"""The base class of a flat part and a solid, which a design encloses."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ class Solid(Verifiable):
         domain: Mesh, interfaces and regions of the body, in space.
         field: Positive in material and zero on its boundary: a function of positions (n, 3) [m]
             that gives (n,) numbers. Rank 0 evaluates it, all over the body.
-        material: Of the solid, for its mass.
+        material: Material of the solid, for its mass.
         size: Of the tetrahedra whose cut is its surface, and of the first that `verify` takes [m];
             by default 24 tetrahedra for each hexahedron of the body, or as many as it has.
         surface: Of those whose cut is its surface, if they are to be smaller [m].

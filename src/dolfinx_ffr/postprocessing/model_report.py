@@ -40,14 +40,14 @@ class BodyReport:
         kind: "flexible" with a density, "given" by its integrals, or "rigid".
         constraint_modes: Number of shape functions that move an interface.
         normal_modes: Number of fixed-interface normal modes.
-        highest_frequency: Of the retained normal modes [Hz]; NaN if there are none.
+        highest_frequency: Highest frequency of the retained normal modes [Hz]; NaN without modes.
         next_frequency: The first one left out [Hz]; NaN if not known.
         stiffening: Loads whose geometric stiffness is modelled.
         softening: Largest relative softening by the body's own rotation; 1 is the limit.
         elements: Number of elements with a density.
         long_interfaces: Interfaces that span more than a quarter of the body, which they make rigid
             there, each with its extent over the body's.
-        order: Of the displacements in its elements; 0 where it has none.
+        order: Order of the elements; 0 for a body without elements.
     """
 
     kind: str
@@ -67,7 +67,7 @@ class ModelReport:
     """The contents of a model, the terms that it leaves out, and estimates of its errors.
 
     Attributes:
-        bodies: By name.
+        bodies: Figures of each body by name.
         coordinates: Number of coordinates of all bodies.
         rows: Number of scalar constraints of the joints, of several load cases the largest.
         left_out: Terms that nothing in the scene asks for, in any load case, in words.

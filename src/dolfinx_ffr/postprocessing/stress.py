@@ -164,7 +164,7 @@ class StressEnvelope(Shown):
         step: (cells,) time step at which it occurs.
         time: (cells,) time at which it occurs [s].
         solid: (cells,) cells that are not void.
-        largest: Of all cells, the same on every rank [Pa].
+        largest: Largest stress of all cells, the same on every rank [Pa].
         largest_time: When it occurs [s].
         largest_step: Time step at which it occurs.
         largest_position: (dimension,) where it occurs, undeformed, mesh coordinates [m].

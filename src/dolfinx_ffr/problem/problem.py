@@ -87,7 +87,7 @@ class Problem:
         mechanism: Joints, motions, point masses, gravity; made of `Parameters`, psi and
             constraints have derivatives by these, too.
         integrator: Time interval and steps, or a `TimeInterval` for which steps are chosen.
-        objective: What is minimised.
+        objective: The objective to minimise.
         constraints: Bounds on further objectives, for optimisers that take several.
 
     Raises:
@@ -124,7 +124,7 @@ class Problem:
         all go back to the densities together. The load cases are spread over the ranks.
 
         Args:
-            bodies: By the names that the mechanisms use.
+            bodies: Bodies by the names that the mechanisms use.
             load_cases: By name, each with a mechanism, an integrator, an objective and
                 constraints of its own; the constraints of all must hold.
             combine: How the objectives become one; by default their sum, `WeightedSum()`.
@@ -703,7 +703,7 @@ class Problem:
         functions of a body.
 
         Args:
-            evaluation: Of this problem; it gives the densities and the parameters.
+            evaluation: An evaluation of this problem, with its densities and parameters.
             bodies: Volume integrals of all bodies, by name.
             stresses: Stress of the bodies with a mesh, by name.
             integrators: Replace the problem's integrators, by load case.

@@ -127,7 +127,7 @@ def adjoints(
 
     Args:
         comm: The ranks, among which the jobs are spread.
-        responses: By load case.
+        responses: Responses by load case.
         direct: Partial derivatives by load case and label.
     """
     several = len(responses) > 1

@@ -120,12 +120,12 @@ class OrderedFactor:
 
     Args:
         begins: Where rows begin (n + 1,), as PETSc stores them, in its integers.
-        columns: Of the entries of the whole matrix, sorted within rows.
-        at_end: Of each unknown, whether it comes after all others.
+        columns: Columns of the entries of the whole matrix, sorted within rows.
+        at_end: Mask of the unknowns that come after all others.
 
     Attributes:
         size: Number of unknowns n.
-        places: Of each unknown in L (n,).
+        places: Place of each unknown in L (n,).
         entries: Numbers that L holds, zeros in its blocks among them.
     """
 

@@ -119,7 +119,7 @@ class CraigBampton:
         elasticity: Stiffness and mass of the body.
         frame: Reference conditions, `ChordFrame` or `TangentFrame`.
         modes: Number of normal modes.
-        tolerance: Of modes and adjoint fields, as for `FlexibleBody`.
+        tolerance: Tolerance of modes and adjoint fields, as for `FlexibleBody`.
         solver: ``"direct"`` or ``"iterative"``, as for `FlexibleBody`.
 
     Raises:

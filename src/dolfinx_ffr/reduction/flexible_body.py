@@ -54,7 +54,7 @@ class ReducedBody(Shown):
     It holds arrays only; `FlexibleBody.factored` has matrices and factor of its density.
 
     Attributes:
-        integrals: What the mechanism sees, bit-identical on every rank.
+        integrals: Volume integrals for the mechanism, bit-identical on every rank.
         basis: Shape functions of this rank's dofs, frequencies.
         density: (cells,) of this rank, not to be written to.
         seconds: Time spent by name of the part [s].
@@ -429,7 +429,7 @@ class FlexibleBody:
         """The derivatives of psi by each density and each node, given that by the integrals.
 
         Args:
-            reduced: What `reduce` returned, at any time (`factored`).
+            reduced: A result of `reduce`, see `factored`.
             bar: Derivative of psi with respect to the integrals; psi must not depend on the choice
                 of basis within the span of the shape functions, as no physical quantity does.
             shapes: Derivative of psi with respect to the shape functions themselves, at fixed

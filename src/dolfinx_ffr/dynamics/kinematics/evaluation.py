@@ -170,9 +170,9 @@ def _functions(kind: type[Arrays]) -> Iterator[Compiled]:
     """Functions of the plane or of space, under names of their own, as Numba keeps them by name."""
     for function, numbers in ((evaluate, (int, float, int)), (pullback, (int, int)), (measure, ())):
         name = f"{function.__name__}_{kind.__name__}"
-        own = FunctionType(function.__code__, function.__globals__, name)
-        own.__qualname__ = name
-        yield Compiled(own, Equations, kind, Work, *numbers)
+        renamed = FunctionType(function.__code__, function.__globals__, name)
+        renamed.__qualname__ = name
+        yield Compiled(renamed, Equations, kind, Work, *numbers)
 
 
 #: Functions evaluate, pullback, measure and chart, and in space turn_stages, by dimension.
