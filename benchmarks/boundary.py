@@ -1,28 +1,24 @@
 # SPDX-License-Identifier: MIT
-"""Parts whose boundary was moved: from many starts and meshes, for psi and for the stress.
+"""Parts whose boundary was moved: from many starts, meshes and drawings, for psi and the stress.
 
 Each part is one call of `optimize`, which ends with steps of the boundary; nothing is tuned from
 row to row. psi is that of the densities, of the moved boundary, and of finer meshes of its part.
 """
 
-import json
-import math
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import replace
 from time import process_time
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
+from drawn import PARTS
 from jobs import Array, Job, Progress, Results
 from report import Study, chosen
 from scene import demo, slider_crank
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.design import SHARP_PROGRESS
 from dolfinx_ffr.fem import polygon
 from dolfinx_ffr.plotting.style import BLUE, GRAY
 
@@ -30,6 +26,8 @@ VOLUME = 0.5
 #: Largest stress where the material is minimised [Pa], with a slider of this mass [kg], and the
 #: distance from the rigid interfaces within which no stress counts [m]
 STRESS, SLIDER, CLEAR = 4e6, 5.0, 3e-3
+#: What a design is for, where it is not the least compliance
+STRESSED = "stress limit"
 #: What a design raises that is torn after its iterations: its row has no part
 TORN = (ValueError, ffr.SimulationError)
 #: Start designs: two without holes, regular and single holes, bars, and noise
@@ -38,15 +36,9 @@ STARTS = "even,full,one hole,6x2,6x3,10x3,12x2,16x2,strip,flanges,random 1,rando
 )
 #: Starts for the stress: those that are not far too soft
 STIFF = "even,full,one hole,6x2,6x3,10x3,12x2,flanges,random 1,random 2".split(",")
-#: What is the least in a table of both
-LEAST = "least compliance", "least stress"
-#: Iterations, and steps of the boundary: elements only, boundary only, both
-WAYS: list[dict[str, Any]] = [
-    {"start": "10x3", "iterations": n, "boundary": steps}
-    for n, steps in ((60, 0), (0, 40), (36, 18))
-]
-#: Iterations and steps of the boundary of a short run, with which every start is measured, too
-SHORT = {"iterations": 30, "boundary": 8}
+#: Iterations and steps of the boundary, and twice the steps
+STEPS: dict[str, Any] = {"iterations": 36, "boundary": 18}
+MORE: dict[str, Any] = {"iterations": 36, "boundary": 36}
 #: Minimum member of 200 x 20 elements, which other meshes have beside them, too [m]
 MEMBER = 1.28e-3
 #: Meshes from which the boundary starts: with the solid ends of 200 x 20 elements, and with others
@@ -64,23 +56,23 @@ MESHES: list[dict[str, Any]] = [
 
 def boundary_jobs(*, quick: bool) -> list[Job]:
     """The measurements: one process for each design."""
-    common: dict[str, Any] = {"iterations": 36, "steps": None, "boundary": 18}
-    common |= {"elements": [200, 20], "cell": "quadrilateral"}
+    rod: dict[str, Any] = {"elements": [200, 20], "cell": "quadrilateral", "steps": None}
     if quick:
-        common |= {"iterations": 8, "steps": 50, "boundary": 1, "elements": [40, 4]}
-    kept = STARTS[5:6] if quick else [STARTS[0], STARTS[3], STARTS[5]]
-    wanted: list[dict[str, Any]] = [{"start": start} for start in (kept if quick else STARTS)]
-    wanted += [] if quick else [{"start": start, **SHORT} for start in STARTS]
-    fewer = {"iterations": 12} if quick else {"elements": [100, 12], "steps": 2000}
-    starts = STIFF[: 1 if quick else None]
-    wanted += [{"task": "stress limit", "start": start, **fewer} for start in starts]
-    wanted += [{"task": task, **fewer} for task in (() if quick else LEAST)]
-    wanted += [] if quick else WAYS
-    wanted += [{"start": start, "outline": False} for start in kept]
-    wanted += [] if quick else [{**mesh, "member": MEMBER, "boundary": 36} for mesh in MESHES]
-    every = {json.dumps({**common, **own}, sort_keys=True): None for own in wanted}
-    seconds = 6.0 if quick else 70.0
-    return [Job("boundary", "design", seconds, json.loads(own)) for own in every]
+        few = {"iterations": 8, "boundary": 1, "elements": [40, 4], "steps": 50}
+        wanted = [{**few, "start": "10x3"}, {**few, "start": "even", "task": STRESSED}]
+        wanted[1]["iterations"] = 12
+        drawn = [{"name": "plate", "iterations": 4, "steps": 1}]
+    else:
+        wanted = [{**steps, "start": start} for steps in (STEPS, MORE) for start in STARTS]
+        wanted += [{**MORE, **mesh, "member": MEMBER} for mesh in MESHES]
+        fewer = {"elements": [100, 12], "steps": 2000, "task": STRESSED}
+        wanted += [{**STEPS, **fewer, "start": start} for start in STIFF]
+        drawn = [{"name": name} for name in PARTS]
+    seconds = 6.0 if quick else 100.0
+    return [
+        *(Job("boundary", "design", seconds, {**rod, **own}) for own in wanted),
+        *(Job("drawn", "moved", seconds, own) for own in drawn),
+    ]
 
 
 def _start(levelset: ffr.LevelSet, name: str) -> Array:
@@ -109,19 +101,12 @@ def _start(levelset: ffr.LevelSet, name: str) -> Array:
 def _problem(elements: list[int], task: str, **rod: Any) -> ffr.Problem:
     """The rod of the slider-crank with what it is designed for."""
     problem = slider_crank(MPI.COMM_SELF, elements, **rod)
-    if task == "compliance":
+    if task != STRESSED:
         return problem
     heavy = demo("slider_crank").slider_crank(problem.integrator.end_time, SLIDER)
-    peak, compliance = ffr.PeakStress("rod", clear=CLEAR), ffr.IntegralCompliance()
+    peak = ffr.PeakStress("rod", clear=CLEAR)
     limit = ffr.Constraint(peak, upper=STRESS, name="stress")
-    # the reported value beside the least of the other has a bound that does not matter
-    wanted = {
-        "stress limit": (ffr.Volume("rod"), limit),
-        LEAST[0]: (compliance, replace(limit, upper=1e3 * STRESS)),
-        LEAST[1]: (peak, ffr.Constraint(compliance, upper=1e3, name="compliance")),
-    }
-    objective, bound = wanted[task]
-    return ffr.Problem(problem.bodies, heavy, problem.integrator, objective, [bound])
+    return ffr.Problem(problem.bodies, heavy, problem.integrator, ffr.Volume("rod"), [limit])
 
 
 def _mirrors(elements: list[int], **rod: Any) -> list[ffr.design.Mirror]:
@@ -141,7 +126,6 @@ def design(
     iterations: int,
     boundary: int,
     start: str = "even",
-    outline: bool = True,
     task: str = "compliance",
     **rod_of: Any,
 ) -> dict[str, Any]:
@@ -152,7 +136,6 @@ def design(
     domain = problem.flexible["rod"].domain
     sizes = {"minimum_member": member, "minimum_gap": member}
     levelset = ffr.LevelSet(domain, **sizes, mirrors=_mirrors(elements, **rod_of))
-    bound = {"volume": 1.0 if task == "stress limit" else VOLUME, "progress": False}
 
     def callback(iteration: int, *_: Any) -> None:
         progress(0.5 * iteration / iterations)
@@ -160,57 +143,47 @@ def design(
 
     mesh = "x".join(map(str, elements)) + (" triangles" if rod_of["cell"] == "triangle" else "")
     mesh += f" of order {order}" if order > 1 else ""
-    found: dict[str, Any] = {"start": start, "mesh": mesh, "task": task}
     columns = 2.0 * np.ptp(domain.bounding_box[:, 0]) / elements[0]
-    found["ends"] = 1e3 * rod_of.get("solid_length", columns)
-    found |= {"iterations": iterations, "boundary": boundary}
+    row: dict[str, Any] = {"start": start, "mesh": mesh, "task": task}
+    row["ends"] = 1e3 * rod_of.get("solid_length", columns)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        # the same design on the elements, whether all of its boundary moves or only holes
-        own = {
-            "optimizer": ffr.MMA(length=None if outline else math.ceil(iterations / SHARP_PROGRESS))
-        }
-        own |= {"iterations": iterations, "callback": callback, **bound}
-        steps_of = {"boundary": boundary if outline else 0}
-        result = ffr.optimize(problem, levelset, _start(levelset, start), **steps_of, **own)
-        found["grid"] = clock[-1] - began
-        told = moved = result.moved
-        if not outline:
-            how = {"outline": outline, "mirrors": levelset.mirrors}
-            with suppress(*TORN):
-                free = ffr.Boundary.of(result.part(), levelset.minimum_member, **how)
-                told = moved = ffr.move_boundary(result.problem, free, iterations=boundary, **bound)
-        told = told or result
-        rod = told.problem.flexible["rod"]
+        result = ffr.optimize(
+            problem,
+            levelset,
+            _start(levelset, start),
+            volume=1.0 if task == STRESSED else VOLUME,
+            iterations=iterations,
+            boundary=boundary,
+            progress=False,
+            callback=callback,
+        )
+        row["grid"] = clock[-1] - began
+        last_problem, evaluation = result.final
+        rod = last_problem.flexible["rod"]
         whole = _problem(elements, task, **rod_of).with_modes({"rod": rod.modes})
-        solid = whole.value(np.ones(domain.n_cells))
-        full = solid.psi
-        found |= {"psi": result.evaluation.psi / full, "moved": told.evaluation.psi / full}
-        found["modes"] = rod.modes
+        full = whole.value(np.ones(domain.n_cells)).psi
+        row |= {"psi": result.evaluation.psi / full, "moved": evaluation.psi / full}
+        row["modes"] = rod.modes
         try:
-            part = moved.part("rod") if moved else result.part()
-            verified = part.verify(told.problem, told.evaluation, progress=False)
+            part = result.part()
+            verified = part.verify(last_problem, evaluation, progress=False)
         except TORN:
-            return {**found, "seconds": process_time() - began}
+            return {**row, "seconds": process_time() - began}
     last, reported = verified.fitted[-1], verified.reported
-    if task == "stress limit":
-        peaks = [1e-6 * row.constraints["stress"] for row in (reported, last)]
-        found |= {"told": peaks[0], "limited": peaks[1]}
-    if task == LEAST[0]:
-        found |= {"compliance": last.psi / full, "limited": 1e-6 * last.constraints["stress"]}
-    if task == LEAST[1]:
-        compliance = last.constraints["compliance"] / solid.constraints["compliance"].value
-        found |= {"compliance": compliance, "limited": 1e-6 * last.psi}
+    if task == STRESSED:
+        row["stress_bounded_reported"] = 1e-6 * reported.constraints["stress"]
+        row["stress_bounded"] = 1e-6 * last.constraints["stress"]
     return {
-        **found,
+        **row,
         "part": last.psi / full,
         "difference": verified.difference,
         "volume": part.area / domain.area,
-        "stress_told": 1e-6 * reported.bodies["rod"].stress,
+        "stress_reported": 1e-6 * reported.bodies["rod"].stress,
         "stress": 1e-6 * last.bodies["rod"].stress,
         "thinnest": 1e3 * part.thinnest_member.value if part.thinnest_member else np.nan,
         "gap": 1e3 * part.narrowest_gap.value if part.narrowest_gap else np.nan,
-        "radius": 1e3 * moved.boundary.smallest_radius if moved else np.nan,
+        "radius": 1e3 * result.moved.boundary.smallest_radius if result.moved else np.nan,
         "seconds": process_time() - began,
         "rings": [
             [polygon(loop, part.accuracy).round(6).tolist() for loop in loops]
@@ -220,28 +193,25 @@ def design(
 
 
 def report_boundary(study: Study, results: Results) -> None:
-    """Tables of starts, outlines, meshes and stress limits, and pictures of all parts."""
-    jobs = [(job.parameters, row) for job, row in results]
-    usual = {"start": "even", "outline": True, "task": "compliance"}
+    """Tables of starts, meshes, stress limits and drawn parts, and pictures of the parts."""
+    jobs = [(job.parameters, row) for job, row in results if job.study == "boundary"]
+    usual = {"start": "even", "task": "compliance", "member": None}
 
     def of(**wanted: Any) -> list[dict[str, Any]]:
-        wanted = {"task": "compliance", "outline": True, **wanted}
         return [row for own, row in jobs if chosen([{**usual, **own}], **wanted)]
 
-    steps = {key: jobs[0][0][key] for key in ("iterations", "boundary")}
-    mesh = {key: jobs[0][0][key] for key in ("elements", "cell")}
-    starts = [{**row, "inflections": _inflections(row)} for row in of(**mesh, **steps)]
+    steps = jobs[0][0]["boundary"]
+    starts = of(task="compliance", member=None, boundary=steps)
+    starts = [{**row, "inflections": _inflections(row)} for row in starts]
     study.table("boundary_starts", starts)
-    study.table("boundary_short", of(**mesh, **SHORT))
-    study.table("boundary_outline", of(**mesh, **steps, outline=False))
-    study.table("boundary_meshes", of(**{**steps, "boundary": 36}, start="even"))
-    study.table("boundary_stress_limit", limited := of(task="stress limit"))
-    if both := [row for task in LEAST for row in of(task=task)]:
-        study.table("boundary_least", both)
-    if ways := [row for way in WAYS for row in of(**mesh, **way)]:
-        study.table("boundary_ways", ways)
+    if more := of(task="compliance", member=None, boundary=2 * steps):
+        study.table("boundary_more", more)
+    if meshes := of(member=MEMBER):
+        study.table("boundary_meshes", meshes)
+    study.table("boundary_stress_limit", limited := of(task=STRESSED))
+    study.table("boundary_drawn", [row for job, row in results if job.study == "drawn"])
     _draw(study, "", "The parts of all starts", starts, "part")
-    _draw(study, "boundary_stress", "Parts for a largest stress", limited, "limited")
+    _draw(study, "boundary_stress", "Parts for a largest stress", limited, "stress_bounded")
 
 
 def _inflections(row: dict[str, Any]) -> float:
@@ -258,7 +228,7 @@ def _inflections(row: dict[str, Any]) -> float:
     return 1e-3 * changes / length if length else np.nan
 
 
-def _draw(study: Study, name: str, caption: str, rows: list[dict[str, Any]], told: str) -> None:
+def _draw(study: Study, name: str, caption: str, rows: list[dict[str, Any]], number: str) -> None:
     """A picture of parts with a number each."""
     shown = [row for row in rows if "rings" in row] or rows
     lines = -(-len(shown) // 2)
@@ -268,7 +238,7 @@ def _draw(study: Study, name: str, caption: str, rows: list[dict[str, Any]], tol
             axes.set_axis_off()
         for axes, row in zip(panels, shown, strict=False):
             axes.set_aspect("equal")
-            text = f"{row['start']}: {row.get(told, np.nan):.4g}"
+            text = f"{row['start']}: {row.get(number, np.nan):.4g}"
             axes.set_title(text, fontsize=8, loc="left", pad=1.0)
             for loops in row.get("rings", []):
                 for k, ring in enumerate(loops):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Eight drawn parts with bores, on which boundaries are moved: `python drawn.py [NAME ...]`."""
+"""Drawn parts with bores, on which boundaries are moved; a table of the study `boundary`."""
 
-import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 import shapely
+from jobs import Progress
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.part import outline_violations
@@ -211,34 +211,53 @@ PARTS: dict[str, Any] = {
 }
 
 
-def moved(name: str, *, iterations: int = 25, steps: int = 8) -> dict[str, Any]:
-    """A part after a short run of a level set and some steps of its boundary.
+def moved(
+    comm: MPI.Comm, progress: Progress, *, name: str, iterations: int = 25, steps: int = 8
+) -> dict[str, Any]:
+    """A part after a short run of a level set and some steps of its boundary, on one rank.
 
-    Psi is relative to the full body, sizes to what was asked for; rows are below zero where a
-    volume or a drawing is kept.
+    Psi is relative to the full body, sizes and the volume to what was asked for.
     """
     part = PARTS[name]()
-    domain = part.domain(MPI.COMM_SELF)
+    domain = part.domain(comm)
     problem = part.problem(domain)
-    full = problem.value(np.ones(domain.n_cells)).psi
     design = ffr.LevelSet(domain, minimum_member=part.member)
-    settings: dict[str, Any] = {"mode_tolerance": None, "progress": False, "boundary": steps}
-    begun = process_time()
-    result = ffr.optimize(problem, design, volume=part.volume, iterations=iterations, **settings)
-    finished = result.part("body")
-    thin, gap = finished.thinnest_member, finished.narrowest_gap
+    clock = [process_time()]
+
+    def callback(iteration: int, *_: Any) -> None:
+        progress(0.5 * iteration / iterations)
+        clock.append(process_time())
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = ffr.optimize(
+            problem,
+            design,
+            volume=part.volume,
+            iterations=iterations,
+            boundary=steps,
+            mode_tolerance=None,
+            progress=False,
+            callback=callback,
+        )
+    seconds = process_time() - clock[-1]
+    full = problem.value(np.ones(domain.n_cells)).psi
+    row = {"drawing": name, "psi": result.evaluation.psi / full, "seconds": seconds}
+    if result.moved is None:
+        return row
+    moved_part = result.part()
+    assert isinstance(moved_part, ffr.Part)
+    thin, gap = moved_part.thinnest_member, moved_part.narrowest_gap
+    boundary = result.moved.boundary
+    assert isinstance(boundary, ffr.Boundary)
+    violations = outline_violations(moved_part, design.hole_rim, part.member)
     return {
-        "psi": result.final[1].psi / full,
-        "member": thin.value / design.minimum_member if thin else np.inf,
-        "gap": gap.value / design.minimum_gap if gap else np.inf,
-        "volume": finished.area / (part.volume * domain.area) - 1.0,
-        "feasible": result.feasible,
-        "outline": [v.message for v in outline_violations(finished, design.hole_rim, part.member)],
-        "seconds": process_time() - begun,
+        **row,
+        "first": result.moved.history["psi"][0] / full,
+        "moved": result.psi / full,
+        "thinnest": thin.value / design.minimum_member if thin else np.nan,
+        "gap": gap.value / design.minimum_gap if gap else np.nan,
+        "radius": boundary.smallest_radius / boundary.radius,
+        "volume": moved_part.area / (part.volume * domain.area),
+        "rims": float(len(violations)),
     }
-
-
-if __name__ == "__main__":
-    warnings.simplefilter("ignore")
-    for each in sys.argv[1:] or PARTS:
-        print(each, moved(each), flush=True)

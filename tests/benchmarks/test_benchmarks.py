@@ -32,10 +32,11 @@ PAGES = [study for study in STUDIES if study != PEERS]
 MAY_BE_ZERO = set(
     "modes rest error_psi estimated "
     "iterations error band_error estimate fixed each_ms difference difference_psi "
-    "difference_gradient error_S error_P error_K".split()
+    "difference_gradient error_S error_P error_K rims".split()
 )
 #: Columns that hold words
 WORDS = {"mesh", "task", "design", "kernel", "kind", "cell", "scene", "method", "solver", "start"}
+WORDS |= {"drawing"}
 #: Cosines and differences may have any sign
 SIGNED = {"cosine", "levelset_cosine", "difference", "excess", "error", "above"}
 #: Columns that may hold nothing, where a part has no such place, or ranks no parts
@@ -46,8 +47,8 @@ accuracy_tolerance 3, accuracy_differences 3, mesh 14, mesh_orders 6, mesh_smoot
 mesh_smooth_orders 6, mesh_locking 16, modes 12, modes_estimate 10,
 differences 2, gradient 36, gradient_designs 3, gradient_growth 1, integration 22,
 integration_summary 4, integration_damping 10, time_steps 3,
-bound 2, known 1, known_balanced 1, known_value 5, boundary_starts 1, boundary_short 0,
-boundary_outline 1, boundary_meshes 0, boundary_stress_limit 1, space 3, space_parts 3,
+bound 2, known 1, known_balanced 1, known_value 5, boundary_starts 1,
+boundary_stress_limit 1, boundary_drawn 1, space 3, space_parts 3,
 space_solvers 1, space_steps 1, published_slider_crank 11, published_rod 3, published_squeezer 11,
 arrays 2, arrays_scipy 1, ranks 1, stress 2"""
 Rows = Callable[..., list[dict[str, str]]]

@@ -258,7 +258,6 @@ SCENES = {
     "pendulum": Scene(machine, PENDULUM, bodies(), ALPHA),
     "linked": Scene(linked, LINKED, bodies(), ALPHA),
     "chain": Scene(chain, CHAIN, two(stiffened_cloud), ALPHA),
-    "chain radau": Scene(chain, CHAIN, two(stiffened_cloud), RADAU),
     "settled": Scene(settled, SETTLED, two(cloud), ALPHA),
     "geared": Scene(geared, GEARED, two(lambda _, seed: cloud(0, seed)), ALPHA),
     "toothed": Scene(toothed(2), TOOTHED, two(flat_cloud), ALPHA),

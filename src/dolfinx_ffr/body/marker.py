@@ -45,7 +45,7 @@ class BodyMarker(Shown):
             q): a bent beam's end comes nearer. The work of a force F is then F . (Phi_P - T_P q)
             dq: it stiffens the body.
         axes: Axes of the point in space as columns in the body's frame, shape (3, 3), in which axes
-            of joints and directions of forces are given; None are those of the body.
+            of joints and directions of forces are given; None are the axes of the body.
     """
 
     position: Array

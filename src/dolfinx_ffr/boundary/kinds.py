@@ -101,7 +101,7 @@ class Kind(ABC, Generic[B]):
         return boundary
 
     def way(self, before: B, after: B) -> Array:
-        """Offsets of masters from one boundary to the next, in members; empty if not known."""
+        """Normal displacements of independent controls, in members; empty if unknown."""
         return np.zeros(0)
 
     def finer(self, boundary: B) -> B:
@@ -229,7 +229,7 @@ def _area(boundary: Boundary) -> tuple[float, Array]:
 
 
 def _enough(boundary: Boundary) -> float:
-    """The size of triangles of which there are just enough [m]."""
+    """The largest size of triangles that resolves the part [m]."""
     return math.sqrt(4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS)
 
 

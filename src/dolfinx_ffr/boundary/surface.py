@@ -445,7 +445,7 @@ class Surface:
         return self._with(self.coefficients, size)
 
     def shifted(self, offsets: Array) -> Surface:
-        """The same before walls are made as thick as asked, with ``offsets`` as of `moved`."""
+        """The surface moved by ``offsets`` as in `moved`, before thin walls are thickened."""
         change = (self._finer @ offsets).reshape(self.coefficients.shape)
         return self._with(self.coefficients + change)
 

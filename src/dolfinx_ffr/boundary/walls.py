@@ -179,7 +179,7 @@ class Sides:
         return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
 
     def rounded(self, field: Field, diameter: float) -> Field:
-        """A field the void of which is where balls of a diameter [m] fit, off the solid region.
+        """A field whose void is where balls of a diameter [m] fit, outside the solid region.
 
         This is the opening of the void: slots, pockets and pinholes that are too narrow go. A
         window goes on beyond its face. The field is near the distance.

@@ -127,7 +127,7 @@ class LevelSet(Design):
             its corners, the radius of the cutter. With 0, the default, holes are cut.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
             any mesh; see `mirror_lines` and `mirror_planes`.
-        spacing: Distance of the grid's knots [m]; by default 1/2.75 of the kernel's radius, which
+        spacing: Distance of the grid's knots [m]; by default the kernel's radius / 2.75. The radius
             is 3.5 times the larger of the two sizes.
         quadrature: Points in each direction of an element, by default four, in space three.
 

@@ -145,7 +145,7 @@ class Design(Variables):
         return self.density(variables)
 
     def with_web(self, x: Array) -> Array:
-        """Thickness of cells (cells,) of which a share x stays, as a share of the part's."""
+        """Thickness of cells (cells,) with density x, as a share of the part's thickness."""
         return np.where(self.domain.void_cells, x, self.web + (1.0 - self.web) * x)
 
     @abstractmethod
@@ -156,8 +156,8 @@ class Design(Variables):
     def pullback(self, variables: Array, x_bar: Array) -> Array:
         """The derivative by the ``variables``, (size,), from the derivative ``x_bar`` by density.
 
-        It is the transpose of the derivative of `density`, for ``x_bar`` of this rank's cells
-        (cells,); bit-identical on every rank.
+        The map is the transpose of the derivative of `density`. The array ``x_bar`` has the shape
+        (cells,) of this rank's cells; the result is bit-identical on every rank.
         """
 
     def level(self, variables: Array) -> Callable[[ArrayLike], Array]:

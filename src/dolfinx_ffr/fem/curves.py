@@ -238,7 +238,7 @@ class Spline(Curve):
         return self.cut(self.breaks()[1:-1].tolist())
 
     def with_lines(self) -> list[Curve]:
-        """The same curve as splines and lines, of which no derivative vanishes at an end.
+        """The same curve as splines and lines, with nonzero derivatives at their ends.
 
         Where the first and second derivatives of a cubic vanish at an end, it is straight up to the
         next knot.

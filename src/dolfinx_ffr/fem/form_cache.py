@@ -17,7 +17,6 @@ import os
 import shutil
 import sys
 import tempfile
-from itertools import count
 from pathlib import Path
 
 from mpi4py import MPI
@@ -96,17 +95,18 @@ def _pool() -> Path:
 def _claim_first_free(pool: Path) -> Path:
     """Lock the first directory of the pool that no living session holds, and tidy it."""
     global _lock
-    for number in count():
+    number = 0
+    while True:
         directory = pool / f"forms-{number}"
         directory.mkdir(exist_ok=True)
         try:
             _lock = locked(directory / "lock")
         except BlockingIOError:
+            number += 1
             continue
         _remove_unfinished(directory)
         _link_finished(directory)
         return directory
-    raise AssertionError("unreachable")
 
 
 def _link_finished(directory: Path) -> None:

@@ -124,7 +124,7 @@ def _checked_dimension(model: Any, groups: Groups, source: str) -> int:
 
 
 def _blocks(model: Any, dim: int, source: str) -> tuple[int, list[tuple[int, str, Integers]]]:
-    """The kind of all cells, and of each entity number, group and nodes (cells, nodes per cell)."""
+    """The kind of all cells; number, group and nodes (cells, nodes per cell) of each entity."""
     group_of_kind: dict[int, str] = {}
     blocks = []
     for entity, group in _parts(model, dim):

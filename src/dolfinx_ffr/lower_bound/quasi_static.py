@@ -39,7 +39,7 @@ _RANK = 1e-13
 class UnitResponse:
     """Displacements of one body at one density by each of its unit loads.
 
-    The loads are those of the fields of acceleration, then forces and moments at the markers.
+    The loads belong to the fields of acceleration, then to forces and moments at the markers.
 
     Attributes:
         displacements: Of this rank's dofs by each load, shape (dofs, loads).

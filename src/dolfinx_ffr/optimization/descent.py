@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Boundaries on meshes of their own: psi, its derivatives, what bounds are kept, the best step."""
+"""Boundaries on fitted meshes: psi, its derivatives, violated bounds, the best step."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Trial:
     sizes: dict[str, Rows]  #: Of members and gaps
     radii: dict[str, Rows]
     violations: dict[str, float]  #: Values of constraints by name, positive where they are violated
-    spare: dict[str, float]  #: By how much more than to their bounds some of them are kept
+    spare: dict[str, float]  #: Extra safety margins of constraints, by name
     logarithm: SignedLog  #: By which psi is compared
     warned: tuple[warnings.WarningMessage, ...] = ()  #: What was said while it was computed
 
@@ -84,7 +84,7 @@ class Trial:
 
     @property
     def asked(self) -> dict[str, AskedSizes]:
-        """Sizes that were asked for, by body."""
+        """Required minimum sizes, by body."""
         return {
             name: AskedSizes(b.member, b.gap if isinstance(b, Boundary) else 0.0, b.rim)
             for name, b in self.boundaries.items()
@@ -214,7 +214,7 @@ class Descent:
     def evaluated(
         self, boundaries: dict[str, Boundary | Surface], problem: Problem, evaluation: Evaluation
     ) -> Trial:
-        """A trial of which all but the constraints is known."""
+        """A trial whose constraints are not evaluated yet."""
         # stress limits are those of these parts
         problem, evaluation = problem.calibrated(evaluation)
         logarithm = self.logarithm
@@ -387,7 +387,7 @@ class Descent:
         return replace(self, turn=turn, sizes=sizes, spare=spare).tried(fine)
 
     def settled(self, trial: Trial) -> Trial:
-        """With what is drawn of its boundaries mended, if that can be simulated."""
+        """The trial with repaired boundaries, if they can be simulated."""
         before = trial.boundaries
         boundaries = {name: self.kind.settled(boundary) for name, boundary in before.items()}
         if all(boundaries[name] is before[name] for name in before):

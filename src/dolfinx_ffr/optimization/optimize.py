@@ -339,7 +339,7 @@ def _of_plates(
 
 
 def default_steps(iterations: int) -> int:
-    """The default number of steps of the boundary after a number of iterations."""
+    """The default number of boundary steps for a number of iterations on the elements."""
     return min(iterations // 2, _BOUNDARY)
 
 

@@ -123,7 +123,7 @@ class Enclosed(Shown, ABC):
     @property
     @abstractmethod
     def volume(self) -> float:
-        """Volume [m^3]; in the plane area times thickness, which is that of a material."""
+        """Volume [m^3]; in the plane area times the thickness of the material."""
 
     @property
     def mass(self) -> float:

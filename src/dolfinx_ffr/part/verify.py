@@ -142,7 +142,7 @@ class Verification:
 
     @property
     def differences(self) -> list[str]:
-        """Reported numbers that are not those of the parts, each in words.
+        """Reported numbers that differ from the parts' numbers, each in words.
 
         psi and frequencies that differ by more than 2 %, and a largest stress by more than 10 %.
         """
@@ -420,7 +420,7 @@ def _volume_bounds(
 
 
 def _check_parts(problem: Problem, parts: Mapping[str, Enclosed]) -> None:
-    """Refuse parts that are not those of flexible bodies, or that lack an interface."""
+    """Refuse parts that belong to no flexible body, or that lack an interface."""
     if not parts or set(parts) - set(problem.flexible):
         raise ValueError(
             f"verify: parts for {sorted(parts)}, but the flexible bodies are "

@@ -45,9 +45,9 @@ MOST = 0.9
 def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
     """Estimated relative error of psi by the normal modes that each body leaves out.
 
-    The cost is that of a back-substitution and of one simulation with some seven coordinates more.
-    Where a body has been reduced at another density since, its matrices are assembled and factored
-    first. The modes left out count by what they add statically; `model_report` takes a second term.
+    It takes a back-substitution and one simulation with some seven coordinates more. Where a body
+    has been reduced at another density since, its matrices are assembled and factored first. The
+    modes left out count by what they add statically; `model_report` takes a second term.
 
     The ``evaluation`` is what a `value` of the ``problem`` returned, at any time. By name of the
     flexible bodies, the result is the change of psi with what the other modes of this body would

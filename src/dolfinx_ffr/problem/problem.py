@@ -468,8 +468,8 @@ class Problem:
         Args:
             x: Densities of the cells owned by this rank, shape (cells,), in [0, 1]; with more than
                 one flexible body a mapping by name. The mapping may have values of the parameters,
-                shape (parameters,), under a name that is not that of a body; else those of the
-                problem count (see `at`).
+                shape (parameters,), under a name that no body has; otherwise the values of the
+                problem are used (see `at`).
 
         Raises:
             ValueError: If a density has the wrong size, is NaN or leaves [0, 1], or if a body has

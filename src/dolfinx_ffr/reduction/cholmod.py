@@ -153,7 +153,7 @@ class OrderedFactor:
         self._corner = self._corner_entries(np.sort(self.places[at_end]))
 
     def _sparse(self, begins: NDArray[Any], rows: NDArray[Any], values: Array | None) -> _Sparse:
-        """A symmetric matrix, of which CHOLMOD reads the upper part."""
+        """A symmetric matrix; CHOLMOD reads its upper part."""
         n, address = len(begins) - 1, None if values is None else values.ctypes.data
         kind = 0 if values is None else _REAL
         matrix = _Sparse(n, n, len(rows), begins.ctypes.data, rows.ctypes.data, None, address, None)

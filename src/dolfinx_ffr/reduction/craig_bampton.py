@@ -349,7 +349,7 @@ class CraigBampton:
         return " or ".join(str(k) for k in bounds if 0 < k < self._eigensolver.freedoms)
 
     def warn_of_missing_modes(self, factored: FactoredBody, basis: ReducedBasis) -> None:
-        """Count the modes of a body with its ``basis`` anew; what is ``factored`` is freed.
+        """Count the modes of a body with its ``basis`` again; the ``factored`` body is freed.
 
         Warns:
             UserWarning: If there are others than those found, or they cannot be counted.
@@ -374,7 +374,7 @@ class CraigBampton:
             )
 
     def check_gap(self, factored: FactoredBody, basis: ReducedBasis) -> None:
-        """Refuse a ``basis`` whose span has no derivative, for its ``factored`` body.
+        """Refuse a ``basis`` that cuts a cluster of eigenvalues: its span has no derivative.
 
         Across a relative gap g the round-off r of the eigenvalues, relative to them, leaves a share
         r / g of the first truncated mode in the last retained one, and the span turns by 1 / g: the

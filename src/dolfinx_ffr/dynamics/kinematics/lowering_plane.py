@@ -25,7 +25,7 @@ _IN_PLANE = {
     RowKind.GEAR: (_DIRECTION,) * 6,
     RowKind.MESH: (_DIRECTION, _DIRECTION, _POINT, _POINT, _DIRECTION, _DIRECTION),
 }
-#: Angle that directions have by round-off beyond that of the start [rad].
+#: Largest difference by round-off of an angle of directions from the angle at the start [rad].
 _ROUND_OFF = 1e-12
 
 
@@ -104,7 +104,7 @@ class PlaneLowering(Lowering):
         return row, 0.0
 
     def _own_mesh(self, row: Row) -> tuple[Row, float]:
-        """Spins and centres of two wheels, and the value of the row less that of the kernels.
+        """Spins and centres of two wheels, and the value of the row minus the kernels' value.
 
         Angles count from the line of centres, whose own turn counts from the x axis.
         """
@@ -121,7 +121,7 @@ class PlaneLowering(Lowering):
         return replace(row, vectors=(*spins, *centres), start_angle=line), offset
 
     def _offset(self, vectors: Sequence[BodyVector], start: float, user: str) -> float:
-        """Angle of three vectors less that of their markers, with the start's full turns [rad]."""
+        """Angle of three vectors minus their markers' angle, with the start's full turns [rad]."""
         own, first, second = vectors
         (x, y, _), (p, q, _), (r, s, _) = (vector.components for vector in vectors)
         upright = not any(vector.components[2] for vector in vectors)
@@ -136,7 +136,7 @@ class PlaneLowering(Lowering):
 
 
 def _difference_of_spins(row: Row, *markers: Marker) -> Row:
-    """A row that counts the angle of a marker less ratio times that of another.
+    """A row that counts the angle of a marker minus ratio times the angle of another marker.
 
     Both are against a third marker, where there is one.
     """
