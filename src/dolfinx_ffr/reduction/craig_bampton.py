@@ -376,11 +376,12 @@ class CraigBampton:
             )
 
     def check_gap(self, factored: FactoredBody, basis: ReducedBasis) -> None:
-        """Refuse a ``basis`` that cuts a cluster of eigenvalues: its span has no derivative.
+        """Refuse a ``basis`` of a ``factored`` body that cuts a cluster of eigenvalues.
 
-        Across a relative gap g the round-off r of the eigenvalues, relative to them, leaves a share
-        r / g of the first truncated mode in the last retained one, and the span turns by 1 / g: the
-        gradient is wrong by r / g^2 of its size, and below g = sqrt(r) it has no digit.
+        The span of such a basis has no derivative. Across a relative gap g the round-off r of the
+        eigenvalues, relative to them, leaves a share r / g of the first truncated mode in the last
+        retained one, and the span turns by 1 / g: the gradient is wrong by r / g^2 of its size, and
+        below g = sqrt(r) it has no digit.
         """
         if basis.spectral_gap >= CLUSTER:
             return
