@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: MIT
 """Rows: scalar functions of vectors that are the constraints of joints or the lengths of springs.
 
-A row is a scalar g(s_1, s_2, ...) of vectors; a new kind needs no more than its value and its first
-three derivatives (``row_gradient``, ``row_hessian``, ``row_third``). A spring with stiffness k and
-damping d is a row whose multiplier is k (g - c(t)) + d g'.
+A row is a scalar g(s_1, s_2, ...) of vectors; a new kind needs its value and its first three
+derivatives (``row_gradient``, ``row_hessian``, ``row_third``), the derivatives by its normal and
+ratio (``rows_pullback``) where it uses these, and its vectors in the plane (lowering_plane.py). A
+spring with stiffness k and damping d is a row whose multiplier is k (g - c(t)) + d g'.
 
 ANGLE, GEAR and MESH are sums of Re(f log z), z = x . (one + i two): an angle, the imaginary part of
 log z, of a vector x against two directions has the factor -i. GEAR has two angles. MESH has the
 angles of its two wheels and the logarithm of the line between their centres, from which both angles
 are counted; in the plane its wheels are spins, and the line alone has a logarithm. Other angles of
-the plane are rows POINT of spins, see lowering.py.
+the plane are rows POINT of spins, see lowering_plane.py.
 """
 
 from __future__ import annotations
