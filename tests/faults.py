@@ -41,7 +41,7 @@ dynamics/kinematics/directions.py | - 2.0 * rate * inner(model, s, a) | - rate *
 dynamics/kinematics/gradients.py | [-by_c, -by_d, | [by_c, -by_d, | dynamics/test_spatial_adjoint.py
 dynamics/kinematics/group.py | 1.0 / 12.0 + q / 720.0 | 1.0 / 12.0 - q / 720.0 | dynamics/test_spatial_turns.py
 dynamics/kinematics/moments_plane.py | both = G + 1j * N | both = G - 1j * N | dynamics/test_dynamics.py
-dynamics/kinematics/rows.py | complex(0.0, -(first if | complex(0.0, (first if | dynamics/test_joints.py dynamics/test_adjoint.py
+dynamics/kinematics/rows.py | complex(0.0, -first if | complex(0.0, first if | dynamics/test_joints.py dynamics/test_adjoint.py
 dynamics/kinematics/rows.py | g[0] += first | g[0] -= first | dynamics/test_joints.py
 dynamics/power.py | force if ends[0] else -force | force if ends[1] else -force | objective/test_objective.py
 fem/interface.py | 2.0 * (1.0 + REFERENCE.round) * extent | (1.0 + REFERENCE.round) * extent | demos/test_connecting_rod.py

@@ -90,9 +90,9 @@ def test_floors_name_every_folder() -> None:
 def test_no_import_runs_upwards() -> None:
     upwards = []
     for path in SOURCES:
-        own_methods = path.relative_to(ROOT).with_suffix("").parts[0]
+        own_folder = path.relative_to(ROOT).with_suffix("").parts[0]
         for folder, _ in imports(path):
-            if folder != own_methods and FLOORS.index(folder) <= FLOORS.index(own_methods):
+            if folder != own_folder and FLOORS.index(folder) <= FLOORS.index(own_folder):
                 upwards.append(f"{name(path)} imports {folder}")
     assert not upwards
 
@@ -101,9 +101,9 @@ def test_other_folders_are_entered_by_their_door() -> None:
     """What a folder offers to others stands in its __init__; only _compat is used by its name."""
     past_the_door = []
     for path in SOURCES:
-        own_methods = path.relative_to(ROOT).with_suffix("").parts[0]
+        own_folder = path.relative_to(ROOT).with_suffix("").parts[0]
         for folder, rest in imports(path):
-            if folder != own_methods and rest and rest != "_compat":
+            if folder != own_folder and rest and rest != "_compat":
                 past_the_door.append(f"{name(path)} imports {folder}.{rest}")
     assert not past_the_door
 
@@ -234,7 +234,8 @@ def test_plane_and_space_are_told_apart_in_few_places() -> None:
         for line in path.read_text().splitlines()
         if SWITCH.search(line) and "def " not in line
     ]
-    assert len(switches) <= MOST_SWITCHES, "\n".join(switches)
+    remedy = "ask what a row or a body has, or use a method of PlaneArrays and SpaceArrays"
+    assert len(switches) <= MOST_SWITCHES, "\n".join([remedy, *switches])
 
 
 def test_a_joint_states_its_rows_once() -> None:

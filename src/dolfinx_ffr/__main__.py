@@ -22,7 +22,7 @@ _COMMANDS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command with ``arguments``, by default those of the process."""
+    """Run a command with ``arguments``, by default the arguments of the process."""
     parser = argparse.ArgumentParser(
         "dolfinx_ffr",
         description="From an outline and a motion to a part.",

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Arrays in archives of NumPy (.npz), whose shapes are known before they are read.
 
-A packed archive of megabytes can promise gigabytes of zeros: what is promised is looked at first.
+A packed archive of megabytes can contain gigabytes of zeros, so the sizes in its heads are checked
+first.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def _damaged() -> Iterator[None]:
 
 
 def _head(archive: zipfile.ZipFile, name: str) -> Head:
-    """The head of an array, whose size must be that of its member of the archive."""
+    """The head of an array, whose size must equal the size of its member of the archive."""
     with archive.open(name) as member:
         version = np.lib.format.read_magic(member)
         if version not in _HEADS:

@@ -16,7 +16,7 @@ Mask = NDArray[np.bool_]
 
 
 def summed(a: Mapping, b: Mapping, plus: Callable[[Any, Any], Any] = add) -> dict[str, Any]:
-    """The sums by name of two sets of values, of which either may lack some."""
+    """The sums by name of two sets of values; a missing value is zero."""
     return {**a, **b, **{name: plus(a[name], b[name]) for name in a if name in b}}
 
 

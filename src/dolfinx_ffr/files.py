@@ -63,7 +63,7 @@ def included_file(name: str, folder: Path) -> Path:
 def text_of(path: Path) -> str:
     """The text of a file that a person or another program has written.
 
-    It is in UTF-8, or in UTF-16 with a byte order mark; what is neither is taken for Latin-1.
+    It is in UTF-8, or in UTF-16 with a byte order mark; any other file is read as Latin-1.
     """
     data = path.read_bytes()
     utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
@@ -119,7 +119,7 @@ def check_room(path: Path, size: int) -> None:
 
 
 def _check_end(file: Path) -> None:
-    """Refuse a file that was cut because the disk is full, of which writers in C++ say nothing."""
+    """Refuse a file that was cut because the disk is full, which writers in C++ do not report."""
     if not file.exists():
         raise OSError(errno.EIO, "nothing was written", str(file))
     with open(file, "ab") as end:

@@ -178,7 +178,7 @@ def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Pa
 
     Args:
         domain: The body.
-        fields: By name, values of this rank's cells, shape (cells,).
+        fields: Values of this rank's cells by name of the field, shape (cells,).
         path: File that ends in ``.xdmf``, which is added where the path has no ending; the numbers
             go into an ``.h5`` file beside it.
 

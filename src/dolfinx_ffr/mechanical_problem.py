@@ -182,7 +182,7 @@ class MechanicalProblem:
         mechanism: Joints, motions, point masses, gravity.
         integrator: Time interval and steps; of a :class:`TimeInterval` they are chosen for the
             bodies at each call, or once by :meth:`with_chosen_steps`.
-        objective: What is minimised.
+        objective: The objective to minimise.
         constraints: Bounds on further objectives.
     """
 

@@ -279,7 +279,7 @@ def _words(value: Any, arrays: bool) -> str:
 
 
 def _norms(array: NDArray[Any]) -> str:
-    """The size of an array and two norms, of which the second one depends on order and signs."""
+    """The size of an array and two norms; the second norm depends on order and signs."""
     x = array.ravel().astype(np.float64)
     norm = float(np.linalg.norm(x))
     shifts = norm * (2.0 + np.cos(np.arange(x.size)))  # at least as large as -x: nothing cancels

@@ -123,7 +123,7 @@ def _load_vtk_apart() -> None:
     two libraries that offer its functions to all, the first serves both. DOLFINx offers them: it
     is loaded with RTLD_GLOBAL. VTK, where it is loaded later, would take them for its own, and
     the first scalar bar would end the process by `std::bad_alloc`. With RTLD_DEEPBIND it takes
-    its own, and what is loaded once stays as it is.
+    its own functions, and loaded libraries do not change.
     """
     if not _place("vtkmodules") or not _place("dolfinx"):
         return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Block Krylov spaces: the basis, the operator in it, and the error of adjoints."""
+"""Block Krylov spaces: the basis, the operator in it, modes beside SLEPc's, and adjoints' error."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class BodyMarker(Shown):
             q): a bent beam's end comes nearer. The work of a force F is then F . (Phi_P - T_P q)
             dq: it stiffens the body.
         axes: Axes of the point in space as columns in the body's frame, shape (3, 3), in which axes
-            of joints and directions of forces are given; None are those of the body.
+            of joints and directions of forces are given; None are the axes of the body.
     """
 
     position: Array
@@ -183,7 +183,7 @@ def check_loads(name: str, stiffening: Mapping[str, Array], d: int, r: int, G: A
 def inertia_of_point(position: Array, mass: float) -> dict[str, Array]:
     """Inertia force of a point mass in the body's axes by unit load, shape (*load, *force)."""
     unit = np.eye(position.size)
-    found = {"acceleration": -mass * unit}
+    inertia = {"acceleration": -mass * unit}
     if position.size == 3:
-        return found | {"rotation": -mass * np.einsum("l,ki->kli", position, unit)}
-    return found | {"omega2": mass * position, "alpha": -mass * (QUARTER_TURN @ position)}
+        return inertia | {"rotation": -mass * np.einsum("l,ki->kli", position, unit)}
+    return inertia | {"omega2": mass * position, "alpha": -mass * (QUARTER_TURN @ position)}

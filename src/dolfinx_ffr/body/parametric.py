@@ -24,10 +24,10 @@ class ParametricBody:
         >>> slope = rod.pullback(p, evaluation.integrals_gradient["rod"])
 
     Args:
-        function: From parameters, shape (n,), to the integrals.
-        jacobian: From parameters to the n derivatives of the integrals, each one of the same shape
+        function: Maps parameters, shape (n,), to the integrals.
+        jacobian: Maps parameters to the n derivatives of the integrals, each one of the same shape
             as the integrals, with G and K symmetric and N antisymmetric.
-        pullback: From parameters and the derivative of a number with respect to the integrals to
+        pullback: Maps parameters and the derivative of a number with respect to the integrals to
             that with respect to the parameters, shape (n,); instead of ``jacobian``, for many
             parameters.
     """

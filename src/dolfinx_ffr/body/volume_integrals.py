@@ -169,11 +169,11 @@ class VolumeIntegrals(Shown):
     @property
     def stacked_stiffening(self) -> Array:
         """Geometric stiffness by all loads, shape (4, modes, modes); in space (12, ...)."""
-        r, parts = self.modes, []
+        r, stacked = self.modes, []
         for load, shape in LOADS[self.dimension].items():
-            part = self.stiffening.get(load, np.zeros((*shape, r, r)))
-            parts.append(part.reshape(math.prod(shape), r, r))
-        return np.concatenate(parts)
+            by_load = self.stiffening.get(load, np.zeros((*shape, r, r)))
+            stacked.append(by_load.reshape(math.prod(shape), r, r))
+        return np.concatenate(stacked)
 
     @staticmethod
     def rigid(
@@ -471,7 +471,7 @@ class VolumeIntegrals(Shown):
         geometric stiffness by omega^2 is shared evenly by the axes in the plane.
 
         Args:
-            thickness: Of an even mass, on both sides of the plane [m].
+            thickness: Thickness of the body, half on each side of the plane [m].
             moments: Int rho w_a w_b^T, shape (modes + 1, modes + 1, 2, 2) [kg m^2], of which G and
                 N have a part; `FlexibleBody.in_space` knows them.
 
@@ -600,8 +600,8 @@ class VolumeIntegrals(Shown):
                 if load in bar.stiffening:
                     axes = list(range(weights.ndim - 1))
                     share += np.tensordot(weights, bar.stiffening[load], (axes, axes))
-        own = BodyMarker(position, basis_bar[:, 1:], np.zeros_like(point.rotation), share)
-        return replace(bar, markers={**bar.markers, marker: bar.markers[marker] + own})
+        point_bar = BodyMarker(position, basis_bar[:, 1:], np.zeros_like(point.rotation), share)
+        return replace(bar, markers={**bar.markers, marker: bar.markers[marker] + point_bar})
 
     def _require_same_markers(self, other: VolumeIntegrals) -> None:
         if self.markers.keys() != other.markers.keys():

@@ -172,8 +172,8 @@ class FreeCurve:
         Args:
             points: Vertices, shape (n, 2); of a closed curve the first one is not repeated [m].
             spacing: Distance of the controls [m].
-            nodes: As the field; None for a closed curve.
-            multiple: Of which the number of controls of a closed curve is one.
+            nodes: Nodes at both ends, as the field; None for a closed curve.
+            multiple: Divisor of the number of controls of a closed curve.
         """
         closed = nodes is None
         ring = np.vstack([points, points[:1]]) if closed else points

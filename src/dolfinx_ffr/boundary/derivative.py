@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""From derivatives with respect to the nodes of a fitted mesh to those by the controls."""
+"""Derivatives by the controls from derivatives by the nodes of a fitted mesh."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class NodeMotion(ABC, Generic[B]):
 
     @abstractmethod
     def _back(self, bar: Array) -> Array:
-        """From the derivative by all nodes (nodes, dimension) to that by controls; on rank 0."""
+        """The derivative by controls from the one by all nodes (nodes, dimension); on rank 0."""
 
     def pullback(self, nodes: Array) -> Array:
         """From the derivative by nodes to that by controls, (controls, k), the same on every rank.

@@ -63,16 +63,16 @@ class Boundary:
         origin: Whose curves that stay are used.
         free: The curves that move, by number.
         faces: Group and loops of each face, material on the left.
-        orbits: Of each control of each curve the number of its master: those of one number move
-            alike.
-        isometries: That leave the boundary, the identity first.
+        orbits: Number of the orbit of each control of each curve: controls of one orbit are mirror
+            images of each other, and have the same offset.
+        isometries: Isometries that leave the boundary unchanged, the identity first.
         body_polygon: The body [m].
         member: Minimum member [m].
         gap: Minimum gap [m].
         rim: Width of the rim around each hole of the body's drawing [m].
         radius: Smallest radius of curvature [m].
         spacing: Distance of the controls of holes [m]; twice that in outlines.
-        needed: Of rims what the part began with, which stays material.
+        needed: Rims of the first part, which stay material.
         options: Numbers of the method.
     """
 
@@ -116,7 +116,7 @@ class Boundary:
         """The boundary of a part, its free sides smoothed.
 
         Args:
-            part: From a level set or densities, in one piece, or in pieces that a web joins.
+            part: A part from a level set or densities, in one piece or in pieces that a web joins.
             member: Minimum member [m].
             gap: Minimum gap [m]; by default as the member.
             rim: Width of the rim of material around each hole of the body's drawing [m]; by default
@@ -200,12 +200,12 @@ class Boundary:
 
     @property
     def drawing(self) -> Drawing:
-        """Of the part that it began with."""
+        """Material of the part that the steps began with."""
         return self.origin.drawing
 
     @cached_property
     def part(self) -> Part:
-        """What it encloses, to be measured, written and verified."""
+        """The enclosed part, to be measured, written and verified."""
         return self.origin.redrawn(self.drawn())
 
     # ------------------------------------------------------------------ its controls
@@ -223,7 +223,7 @@ class Boundary:
 
     @cached_property
     def normals(self) -> Array:
-        """Of each control, out of the material, shape (controls, 2)."""
+        """Normals of the controls, out of the material, shape (controls, 2)."""
         return np.vstack([curve.control_normals for curve in self.free.values()])
 
     @cached_property
@@ -386,7 +386,7 @@ class Boundary:
 
     @property
     def material(self) -> shapely.Geometry:
-        """What it encloses, as polygons [m]."""
+        """The enclosed material as polygons [m]."""
         return shapely.union_all([self._polygon(loops) for _, loops in self.faces])
 
     @property
@@ -567,7 +567,7 @@ class Boundary:
         return replace(self, faces=tuple(faces), free=free, orbits=own)
 
     def hole(self, key: int) -> shapely.Polygon:
-        """What the closed curve ``key`` surrounds."""
+        """The region inside the closed curve ``key``."""
         curve = self.free[key]
         return shapely.Polygon(curve.at(curve.sampled(self.options.sample * self.member)))
 
@@ -593,7 +593,7 @@ class Boundary:
         return self.without(specks)
 
     def drawn(self) -> Drawing:
-        """As a drawing, to be meshed or written."""
+        """The boundary as a drawing, to be meshed or written."""
         numbers: dict[tuple[bool, int], int] = {}
         curves: list[Curve] = []
         nodes: list[tuple[int, int]] = []

@@ -35,7 +35,7 @@ class Rows(NamedTuple):
 
     @property
     def size_violation(self) -> float:
-        """By how much the smallest size is below the minimum, relative to that; at least zero."""
+        """Largest relative violation of the minimum size; at least zero."""
         return max(0.0, 1.0 - self.oversize * (1.0 - float(np.max(self.values, initial=-np.inf))))
 
 

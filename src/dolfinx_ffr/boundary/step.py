@@ -125,7 +125,7 @@ def curvature(
 
 
 def _exact(factor: Any, slopes: Array, downhill: Array, bends: Array) -> Motion:
-    """With a curvature W W^T by the columns W of ``bends``."""
+    """The step with a curvature W W^T by the columns W of ``bends``."""
     count = len(slopes)
     every = np.column_stack([slopes.T, bends])
     every = np.column_stack([downhill, factor.solve(every) if every.size else every])

@@ -54,13 +54,13 @@ class Surface:
 
     Args:
         origin: The solid that it was made of.
-        sides: Of its body, on rank 0.
+        sides: Sides of the body, on rank 0.
         member: Width of the thinnest member [m].
-        coefficients: Of the B-spline on the grid, shape (nx, ny, nz) [m], the same on every rank.
+        coefficients: B-spline coefficients on the grid, shape (nx, ny, nz) [m], equal on all ranks.
         low: First point of the grid, shape (3,) [m].
-        spacing: Of the grid, shape (3,) [m].
+        spacing: Spacing of the grid, shape (3,) [m].
         mirrors: Planes about which the surface is its own mirror image.
-        size: Of the tetrahedra [m].
+        size: Size of the tetrahedra [m].
         rim: Width of the rim around each hole of the body's drawing [m].
         rims: The rims themselves, where another surface of the body has them; made by default.
         options: Numbers of the method.
@@ -121,7 +121,7 @@ class Surface:
         """The boundary of a ``solid``.
 
         Args:
-            solid: Of any field.
+            solid: A solid of any field.
             member: Width of the thinnest member [m]; it sets the grid of the field, too.
             rim: Width of the rim of material around each hole of the body's drawing [m]; by default
                 as the member, 0 for none. Others are at least a member wide.
@@ -197,7 +197,7 @@ class Surface:
         return total / len(self._images)
 
     def _rows(self, x: Array) -> csr_matrix:
-        """From coefficients to the field at points, (n, coefficients)."""
+        """The field at points by the coefficients, (n, coefficients)."""
         shape = self.coefficients.shape
         parts = [_basis(i(x), self._low, self._spacing, shape) for i in self._images]
         return csr_matrix(sum(parts) / len(parts))
@@ -223,7 +223,7 @@ class Surface:
 
     @cached_property
     def part(self) -> Solid:
-        """What it encloses."""
+        """The enclosed solid."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PartWarning)  # said of the last one
             return Solid(self.body, self.field, material=self.origin.material, size=self.size)
@@ -288,7 +288,7 @@ class Surface:
         return made
 
     def _fitted(self, field: Field) -> Surface:
-        """That of a field, which becomes a distance; on rank 0."""
+        """The surface of a field, which becomes a distance; on rank 0."""
         shape = self.coefficients.shape
         iterations = self.options.fit_iterations
         return self._with(_fitted(field, self._low, self._spacing, shape, iterations))
@@ -383,7 +383,7 @@ class Surface:
 
     @cached_property
     def walls(self) -> Walls:
-        """Those up to 1.5 times the minimum."""
+        """Members up to 1.5 times the minimum."""
         return on_rank_0(self.body.comm, self._walls)
 
     def _walls(self, near: Array | None = None) -> Walls:
@@ -421,7 +421,7 @@ class Surface:
         return self._with(self.coefficients, size)
 
     def shifted(self, offsets: Array) -> Surface:
-        """The same before walls are made as thick as asked, with ``offsets`` as of `moved`."""
+        """The surface moved by ``offsets`` as in `moved`, before thin walls are thickened."""
         change = (self._finer @ offsets).reshape(self.coefficients.shape)
         return self._with(self.coefficients + change)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Curves that are their own mirror images exactly: what is free is one of each pair."""
+"""Exactly symmetric curves: one control of each mirrored pair is independent."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class Walls(NamedTuple):
         return float(np.min(self.thickness, initial=np.inf))
 
     def upto(self, thickness: float) -> Walls:
-        """Those that are no thicker [m]."""
+        """The balls that are no thicker [m]."""
         count = int(np.searchsorted(self.thickness, thickness))
         return Walls._make(part[:count] for part in self)
 
@@ -177,7 +177,7 @@ class Sides:
         return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
 
     def rounded(self, field: Field, diameter: float) -> Field:
-        """A field the void of which is where balls of a diameter [m] fit, off the solid region.
+        """A field whose void is where balls of a diameter [m] fit, outside the solid region.
 
         This is the opening of the void: slots, pockets and pinholes that are too narrow go. A
         window goes on beyond its face. The field is near the distance.
@@ -299,5 +299,5 @@ def _samples(body: Tetrahedra, chosen: Mask, spacing: float) -> tuple[Array, Arr
 
 
 def _unit(vectors: Array) -> Any:
-    """Of length one, (n, 3)."""
+    """Vectors scaled to length one, (n, 3)."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is designed: level sets of radial basis functions, filtered densities, their updates."""
+"""Designs: level sets of radial basis functions, filtered densities, their updates."""
 
 from __future__ import annotations
 

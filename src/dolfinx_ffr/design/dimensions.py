@@ -211,10 +211,10 @@ class DimensionDesign(Variables):
             or in space, names its physical groups, and makes no mesh. An optimiser rejects values
             for which it raises, or for which the number of curves or faces changes.
         dimensions: Lower and upper bound by name, lower < upper.
-        size: Of the triangles or tetrahedra [m].
+        size: Size of the triangles or tetrahedra [m].
         start: Values at the start by name; by default the middles between the bounds.
         order: Polynomial order of the displacements.
-        interfaces: With ``gmsh.model`` the names of the physical groups that are interfaces.
+        interfaces: Names of the physical groups that are interfaces, with ``gmsh.model``.
     """
 
     each: ClassVar[str] = "dimension"

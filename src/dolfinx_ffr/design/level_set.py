@@ -127,7 +127,7 @@ class LevelSet(Design):
             its corners, the radius of the cutter. With 0, the default, holes are cut.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
             any mesh; see `mirror_lines` and `mirror_planes`.
-        spacing: Distance of the grid's knots [m]; by default 1/2.75 of the kernel's radius, which
+        spacing: Distance of the grid's knots [m]; by default the kernel's radius / 2.75. The radius
             is 3.5 times the larger of the two sizes.
         quadrature: Points in each direction of an element, by default four, in space three.
 
@@ -350,7 +350,7 @@ class LevelSet(Design):
 
     @property
     def projection(self) -> HeavisideProjection:
-        """From f to material."""
+        """The projection from f to material."""
         return HeavisideProjection(self.sharpness, self.threshold)
 
     @property
@@ -477,7 +477,7 @@ class LevelSet(Design):
         Args:
             columns: Number of holes along the longer side of the body's bounding box.
             rows: Number of holes across.
-            radius: Of the holes [m]; zero leaves the body solid.
+            radius: Radius of the holes [m]; zero leaves the body solid.
             margin: Distance of the outermost rows' centers from the longer sides [m]; by default
                 half the distance between rows.
 

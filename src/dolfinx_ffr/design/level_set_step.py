@@ -34,8 +34,8 @@ class VelocityExtension:
     """Extends derivatives from the boundary to the knots in its neighbourhood.
 
     A derivative with respect to phi at the knots of ``levelset`` is smoothed by a positive definite
-    kernel, so that the negative result is a descent direction. Its ``radius`` [m] is by default
-    that of the level set's kernel.
+    kernel, so that the negative result is a descent direction. Its ``radius`` [m] is by default the
+    radius of the level set's kernel.
     """
 
     def __init__(self, levelset: LevelSet, radius: float | None = None) -> None:

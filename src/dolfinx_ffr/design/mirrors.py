@@ -22,7 +22,7 @@ MOST_IMAGES = 96
 NEAR = 0.75
 #: Largest distance of the outline of a body from its image, in edges of a mean cell as a square
 OUTLINE = 0.25
-#: Angle below which principal axes are those of the coordinates, but for the mesh [degrees]
+#: Angle below which principal axes differ from the coordinate axes only by the mesh [degrees]
 ANGLE = 0.05
 #: Radius of the means in which gradients are compared, in edges of a mean cell
 MEAN = 2.5
@@ -75,7 +75,7 @@ class Isometry:
 
 
 def images(mirrors: Sequence[Mirror], dimension: int = 2) -> list[Isometry]:
-    """All isometries that mirrors generate, the identity first; ValueError if they have no end."""
+    """All isometries that mirrors generate, the identity first; a ValueError if too many."""
     isometries = [Isometry(np.eye(dimension), np.zeros(dimension))]
     reflections = [mirror.reflection for mirror in mirrors]
     scale = max((float(np.max(np.abs(r.shift))) for r in reflections), default=0.0) or 1.0

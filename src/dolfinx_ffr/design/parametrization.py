@@ -123,7 +123,7 @@ class Variables(ABC):
 
 
 class Design(Variables):
-    """From bounded variables to the density of one body, and back."""
+    """A map from bounded variables to the density of one body, with its transpose."""
 
     domain: Domain  #: Of the body
     #: Steepness of the step from void to solid: 1 is gray, 32 is sharp, as designs without a step
@@ -145,7 +145,7 @@ class Design(Variables):
         return self.density(variables)
 
     def with_web(self, x: Array) -> Array:
-        """Thickness of cells (cells,) of which a share x stays, as a share of the part's."""
+        """Thickness of cells (cells,) with density x, as a share of the part's thickness."""
         return np.where(self.domain.void_cells, x, self.web + (1.0 - self.web) * x)
 
     @abstractmethod
@@ -156,8 +156,8 @@ class Design(Variables):
     def pullback(self, variables: Array, x_bar: Array) -> Array:
         """The derivative by the ``variables``, (size,), from the derivative ``x_bar`` by density.
 
-        It is the transpose of the derivative of `density`, for ``x_bar`` of this rank's cells
-        (cells,); bit-identical on every rank.
+        The map is the transpose of the derivative of `density`. The array ``x_bar`` has the shape
+        (cells,) of this rank's cells; the result is bit-identical on every rank.
         """
 
     def level(self, variables: Array) -> Callable[[ArrayLike], Array]:
@@ -181,14 +181,14 @@ class DensityDesign(Design):
 
     Args:
         domain: The body.
-        radius: Of the filter [m]; by default two and a half mean elements. With shorter ones
+        radius: Radius of the filter [m]; by default two and a half mean elements. With shorter ones
             struts may be connected by corners of elements, which are too stiff. Zero filters
             nothing.
         eta: Threshold of the projection, in (0, 1).
         hole_rim: Width of the rim that stays solid around each hole of the body's drawing, with a
             name or without [m]; by default 0.64 mean elements, the minimum member of densities, 0
             for none.
-        web: As of `LevelSet`.
+        web: Web of pockets, as for `LevelSet`.
     """
 
     each: ClassVar[str] = "designed cell"

@@ -22,7 +22,7 @@ class HoleRims:
 
     Args:
         domain: The body.
-        width: Of each rim [m]; zero for no rims.
+        width: Width of each rim [m]; zero for no rims.
         outline: Whether there is a rim along the outline of a body in the plane, too.
     """
 

@@ -5,8 +5,8 @@ A compiled function takes numbers and tables: named tuples of arrays, handed ove
 to addresses and shapes. A named tuple itself would become some two hundred arguments of every
 call, which compile for a minute; a table costs nothing.
 
-Compiled functions call those of another folder by address, so that each is compiled once and none
-has to be compiled anew when the other changes.
+Compiled functions call functions of another folder by address, so that each is compiled once and
+none has to be compiled anew when the other changes.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ Array4: TypeAlias = Annotated[NDArray[np.float64], 4]
 IntVector: TypeAlias = Annotated[NDArray[np.int64], 1]
 IntMatrix: TypeAlias = Annotated[NDArray[np.int64], 2]
 
-#: Kernels that are attributes of the classes of tables, by the name of their type. A type itself is
-#: kept on disk, and must not hold them.
+#: Kernels that are attributes of the classes of tables, by the name of their type. Types are stored
+#: on disk, and must not contain kernels.
 _KERNELS: dict[str, dict[str, Dispatcher]] = {}
 #: A part of compiled functions, see :func:`kernel`.
 Kernel: TypeAlias = Callable[..., Any]
@@ -63,8 +63,8 @@ _NONE = (0,) * _ENTRIES
 class TableType(types.Type):
     """Numba's type of a table; its name holds a digest of the sources that work on it.
 
-    Numba keeps compiled functions on disk by the types of their arguments, and renews them when
-    their own file changes, but not when that of a function that they call does: hence the digest.
+    Numba stores compiled functions on disk by the types of their arguments. It compiles them anew
+    when their own file changes, but not when the file of a called function does: hence the digest.
     """
 
     def __init__(
@@ -217,7 +217,7 @@ def kernel(function: Kernel) -> Kernel:
 
 
 class Compiled:
-    """A function that is compiled at its first use, and kept on disk where there is a place."""
+    """A function that is compiled at its first use, and cached on disk if possible."""
 
     def __init__(self, function: Callable[..., int], *arguments: Any) -> None:
         """Note a function that gives an integer, and the types of its arguments.
@@ -274,7 +274,7 @@ class Compiled:
 
 @cache
 def _warn_of_no_cache() -> None:
-    """Say once that nothing compiled is kept."""
+    """Warn once that compiled code cannot be cached."""
     warnings.warn(
         "the time integration is compiled in each run: neither the package's directory nor a cache "
         "directory can be written; let NUMBA_CACHE_DIR name one that can",

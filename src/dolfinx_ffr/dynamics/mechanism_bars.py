@@ -296,7 +296,7 @@ class _Differences:
             shared |= set(bit @ (inputs != self._inputs[starts])) - {0}
         # nothing is known where a number changes on one side only, code 0
         one_by_one = np.array(
-            [any(own & ~code == 0 or code == 0 for code in shared) for own in code_of_parameter]
+            [any(bits & ~code == 0 or code == 0 for code in shared) for bits in code_of_parameter]
         )
 
         step, one_sided = steps[owner], ~central[owner]

@@ -160,7 +160,7 @@ class FlatModel(Shown):
 
     @cached_property
     def rotations(self) -> Mask:
-        """Which coordinates are those of rotations of the bodies' frames, shape (size,)."""
+        """Mask of the coordinates that rotate the bodies' frames, shape (size,)."""
         angles = np.zeros(self.size, dtype=bool)
         for name in self.bodies:
             angles[self.coordinates(name).rotation] = True
@@ -282,8 +282,8 @@ def assemble_model(
 
     The derivatives of all motions are compared with differences, and given bodies validated, unless
     they have been `checked`.
-    The instant near the start comes a share of the first step after it, or as in a model of the
-    same bodies that this one is `like`; what is stated alike is taken from there, and the tables,
+    The instant near the start is a share of the first step later. A model that this one is `like`,
+    of the same bodies, provides this instant and everything that is stated alike, and the tables,
     too, unless they are to be `tabulated`.
     """
     bodies = {**bodies, **mechanism.own_bodies}

@@ -104,7 +104,7 @@ def simulate(
 def integrate(
     mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], integrator: Integrator
 ) -> Trajectory:
-    """Trajectory with given steps, without warnings; errors are those of :func:`simulate`."""
+    """Trajectory with fixed steps, without warnings; raises the errors of :func:`simulate`."""
     validation.instances_by_name("bodies", bodies, VolumeIntegrals, "VolumeIntegrals")
     space = any(body.dimension == 3 for body in bodies.values())
     check_memory(integrator, [body.modes for body in bodies.values()], space=space)

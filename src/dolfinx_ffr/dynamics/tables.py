@@ -94,7 +94,7 @@ class TimeTables:
                 raise ValueError(f"{user}: {error}") from error
 
     def beside_jumps(self, instants: Array) -> Array:
-        """Times (instants,) [s], of which those of jumps are a little earlier."""
+        """Times (instants,) [s]; the times of jumps are a little earlier."""
         if not self.jumps.size:
             return instants
         at_jump = np.isin(instants, self.jumps)

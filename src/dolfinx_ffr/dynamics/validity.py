@@ -25,7 +25,7 @@ Warnings = Iterator[tuple[type[UserWarning], str]]
 
 @dataclass(frozen=True)
 class Limits:
-    """Sizes from which on a motion is warned of."""
+    """Limits above which a motion causes a warning."""
 
     #: Deformation in parts of a body's length, a root mean square by mass: that of a cantilever
     #: whose end moves by a tenth of its length, or of a rod that is stretched by nine percent. The
@@ -59,7 +59,7 @@ class Limits:
     #: where the frame lies in its middle, and rough placements are off by it at times.
     correction: float = 1.2
     correcting_turn: float = 0.35
-    #: Steps to advise at least: from a handful nothing can be told about a motion between them.
+    #: Least number of advised steps: a handful of steps says nothing about the motion between them.
     fewest_steps: int = 20
 
 
@@ -271,7 +271,7 @@ def _lost_vibrations(trajectory: Trajectory) -> Warnings:
 
 
 def _resonance(trajectory: Trajectory) -> Warnings:
-    """Resonance that steps which were chosen for other designs do not follow as nearly."""
+    """Warn of resonance that the steps, chosen for other designs, do not resolve accurately."""
     tolerance = trajectory.integrator.chosen_for
     if tolerance is None:
         return

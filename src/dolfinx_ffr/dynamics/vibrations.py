@@ -9,12 +9,12 @@ the present load, and vibrates about that position; likewise with the velocity p
 w' being the rate of the accelerations. A method that damps vibrations beyond its steps hides all of
 this in its first steps (`lost_vibrations`).
 
-A vibration within its steps it follows at a frequency that is slightly wrong, and damps it
-slightly. Far from resonance that hardly matters. Near it the amplitude changes by as much as the
-frequency moves, in parts of its distance from that of the load, which may be a hundred times more.
-The load of each mode is known along a trajectory from accelerations, velocities and deformations,
-and one oscillator under a known load is integrated exactly at the price of a sum over the instants
-(`resonance_error`).
+A method follows a vibration that its steps resolve at a slightly wrong frequency, and damps it
+slightly. Far from resonance this error hardly matters. Near resonance the relative change of the
+amplitude is the error of the frequency divided by the distance between the frequencies of vibration
+and load, which may be a hundred times the relative error of the frequency. The load of each mode is
+known along a trajectory from accelerations, velocities and deformations, and one oscillator under a
+known load is integrated exactly at the price of a sum over the instants (`resonance_error`).
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ OPTIONS = VibrationOptions()
 
 @dataclass(frozen=True)
 class VibrationError:
-    """What time steps change of the mean strain energy by vibrations."""
+    """Relative change of the mean strain energy of vibrations by time steps."""
 
     #: Relative to the mean strain energy of all bodies, or, of lost vibrations where none is
     #: flexible, to the mean square of the accelerations by mass [-].
@@ -215,7 +215,7 @@ class _Modes:
         mass_and_damping = symmetric(eq.M)
         kinematics.evaluate(0, extent, 0.0)
         mass, stiffness = symmetric(eq.M), symmetric(eq.Ky)
-        # The stiffness without elastic bodies and springs is not that of vibrations.
+        # Stiffness that remains without elastic bodies and springs causes no vibrations.
         loose = Kinematics(without(kinematics.model, 0, "K"))
         loose.begin(y)
         loose.set(y, v, w, multipliers)

@@ -131,7 +131,7 @@ class Line(Curve):
 
 @dataclass(frozen=True, eq=False)
 class Arc(Curve):
-    """An arc of a circle, or a whole one where start and end are the same."""
+    """An arc of a circle, or a whole circle if start and end are equal."""
 
     start: Array  #: (2,) [m]
     end: Array  #: (2,) [m]
@@ -145,7 +145,7 @@ class Arc(Curve):
 
     @property
     def angle(self) -> float:
-        """Of the start, from the x axis [rad]."""
+        """Angle of the start from the x axis [rad]."""
         return float(np.arctan2(*(self.start - self.center)[::-1]))
 
     def at(self, t: Array) -> Array:
@@ -238,7 +238,7 @@ class Spline(Curve):
         return self.cut(self.breaks()[1:-1].tolist())
 
     def with_lines(self) -> list[Curve]:
-        """The same curve as splines and lines, of which no derivative vanishes at an end.
+        """The same curve as splines and lines, with nonzero derivatives at their ends.
 
         Where the first and second derivatives of a cubic vanish at an end, it is straight up to the
         next knot.

@@ -328,7 +328,7 @@ class Domain:
                 ``ffr.fem.Bore(at=(x, y))``, the box that it lies in, ``ffr.fem.Box``, or a
                 predicate as for `Domain`. A curve on a boundary that is drawn already only names
                 it.
-            size: Of the triangles [m].
+            size: Size of the triangles [m].
             unit: Of the outline, "mm", "cm", "m" or "in"; by default that of the file, or metres.
             layers: Of a file, those of the outline; layers that name interfaces count, too. By
                 default all. Curves of line types with gaps (CENTER, HIDDEN) never do.

@@ -86,7 +86,7 @@ def _check_vertices(path: Path) -> None:
 
 
 def _tags(content: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """The pairs of a code and a value of which a DXF file consists, as texts."""
+    """The pairs of code and value in a DXF file, as texts."""
     from ezdxf.lldxf.tagger import binary_tags_loader
 
     if content.startswith(b"AutoCAD Binary DXF"):

@@ -45,7 +45,7 @@ CellFields = Array
 
 @dataclass(frozen=True)
 class ElasticityOptions:
-    """Sizes of blocks of arithmetic, and what is round-off or a slip."""
+    """Sizes of blocks of arithmetic, and tolerances for round-off and wrong inputs."""
 
     rows: int = 4096  #: Of blocks that are multiplied at a time
     cells: int = 2048  #: Whose fields are multiplied at a time
@@ -496,7 +496,7 @@ def summed(comm: MPI.Comm, local: Array) -> Array:
 
 
 def dense_matrix(comm: MPI.Comm, block: Block) -> PETSc.Mat:
-    """A block as a dense matrix whose rows are distributed as those of the block."""
+    """A block as a dense matrix with the same distribution of rows."""
     matrix = PETSc.Mat().createDense(
         ((len(block), PETSc.DETERMINE), (PETSc.DECIDE, block.shape[1])),
         array=np.asfortranarray(block, dtype=PETSc.ScalarType).ravel(order="F"),

@@ -124,7 +124,7 @@ def _checked_dimension(model: Any, groups: Groups, source: str) -> int:
 
 
 def _blocks(model: Any, dim: int, source: str) -> tuple[int, list[tuple[int, str, Integers]]]:
-    """The kind of all cells, and of each entity number, group and nodes (cells, nodes per cell)."""
+    """The kind of all cells; number, group and nodes (cells, nodes per cell) of each entity."""
     group_of_kind: dict[int, str] = {}
     blocks = []
     for entity, group in _parts(model, dim):
@@ -163,7 +163,7 @@ def _check_cells(corners: Integers, sides: Integers, source: str) -> None:
 
 
 def _facets(model: Any, dim: int, source: str, used: Integers, width: int) -> dict[str, Integers]:
-    """By group the corners (facets, width) of facets, as numbers among the ``used`` nodes."""
+    """Corners (facets, width) of facets by group, as numbers among the ``used`` nodes."""
     facet, cell = KINDS[dim - 1 : dim + 1]
     facets: dict[str, Integers] = {}
     for entity, name in _parts(model, dim - 1):

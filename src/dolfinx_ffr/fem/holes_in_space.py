@@ -251,7 +251,7 @@ class _Surface:
         return np.stack(ends, axis=1)
 
     def _hole(self, walls: Integers, spacing: float) -> SpatialHole:
-        """The hole of which some triangles are the walls."""
+        """The hole whose walls are some triangles."""
         chosen = np.zeros(len(self.triangles), dtype=bool)
         chosen[walls] = True
         points, middles, normals, radii = [], [], [], []

@@ -20,7 +20,7 @@ from .plane_mesh import Drawing, Face, face_polygon, walked
 
 @dataclass(frozen=True)
 class DrawingOptions:
-    """How nearly the curves of a drawing meet, and what is refused."""
+    """Tolerances for curves that nearly meet, and limits for refusing a drawing."""
 
     joined: float = 1e-6  #: Ends nearer to each other than this are one, in extents of the drawing
     #: Accuracy of the polygons by which crossings are found, and the largest distance between loose
@@ -284,7 +284,7 @@ def _closed(nodes: Sequence[tuple[int, int]]) -> list[int]:
 
 
 def _refuse_open(source: str, drawn: Sequence[Drawn], nodes: Sequence[tuple[int, int]]) -> None:
-    """Refuse curves that end alone, or of which more than two meet."""
+    """Refuse loose ends of curves, and points where more than two curves meet."""
     ends_at: dict[int, list[tuple[Array, Drawn]]] = {}
     for curve, ends in zip(drawn, nodes, strict=True):
         for node, end in zip(ends, (curve.curve.start, curve.curve.end), strict=True):
@@ -431,7 +431,7 @@ def _refuse_touching(source: str, common: shapely.Geometry) -> None:
 def _meeting(
     face: Face, curves: Sequence[Curve], candidates: Sequence[int], fine: float
 ) -> list[int]:
-    """Of other curves the numbers of those that meet a face."""
+    """Numbers of other curves that meet a face."""
     region = face_polygon(curves, face.loops, fine)
     return [i for i in candidates if region.intersects(shapely.LineString(curves[i].points(fine)))]
 

@@ -122,7 +122,7 @@ def _distributed(comm: MPI.Comm, open_model: Callable[[], Any], source: str) -> 
 
 
 def _opened(path: Path, stack: ExitStack) -> Any:
-    """A model of gmsh with the mesh of a file, until the stack ends."""
+    """A model of gmsh with the mesh of a file; it exists until the stack closes."""
     if not path.is_file():
         raise FileNotFoundError(f"mesh file {path} does not exist")
     gmsh = stack.enter_context(gmsh_model(f"reading {path} needs"))

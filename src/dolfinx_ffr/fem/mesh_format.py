@@ -69,7 +69,7 @@ def private_copy(path: Path) -> Iterator[Path]:
 
 
 def _check_head(head_line: bytes, second: bytes, path: Path) -> None:
-    """Refuse a file whose first two lines are not those of a mesh."""
+    """Refuse a file whose first two lines do not begin a mesh."""
     if not head_line.startswith(_HEAD):
         for head, description in _OTHERS.items():
             if head_line.startswith(head):

@@ -90,7 +90,7 @@ class MeshNodes:
 
 
 def add_ghosts(function: fem.Function) -> None:
-    """Add the values of ghosts to those of their owners."""
+    """Add the values of ghosts to the values of their owners."""
     add, reverse = PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE
     _compat.petsc_vector(function).ghostUpdate(addv=add, mode=reverse)
 

@@ -37,7 +37,7 @@ _REST = "outline"
 
 @dataclass(frozen=True)
 class Sheet:
-    """How a drawing is read: its unit, and which of its curves are the outline."""
+    """Options for reading a drawing: its unit, and the curves that form the outline."""
 
     unit: str | None = None  #: One of UNITS; None takes that of the file, or metres
     layers: Sequence[str] | None = None  #: Layers of the outline; None takes all

@@ -427,7 +427,7 @@ def _refuse_crossed(drawing: Drawing, divided: Sequence[_CurveCells], size: floa
 def _refuse_unmeshed(
     model: Any, drawing: Drawing, surface_tags: Sequence[int], size: float
 ) -> None:
-    """Refuse a mesh that does not fill the faces, as gmsh leaves it where it fails."""
+    """Refuse a mesh that does not fill the faces, which gmsh returns without an error."""
     for surface, face in zip(surface_tags, drawing.faces, strict=True):
         # twice the area of each triangle
         doubled = model.mesh.getJacobians(2, [1 / 3, 1 / 3, 0.0], surface)[1]

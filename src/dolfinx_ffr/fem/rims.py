@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Rims: the regions of an outline within a width of its interfaces.
 
-The rim of a round bore is bounded by a circle, that of any other curve by its offset curve. A rim
-that is wider than the material beside it ends at the outline.
+The rim of a round bore is bounded by a circle, the rim of other curves by offset curves. A rim that
+is wider than the material beside it ends at the outline.
 """
 
 from __future__ import annotations
@@ -267,7 +267,7 @@ def _nearest(curve: Curve, point: Array, fine: float) -> float:
     t = curve.parameters(fine)
     distance = np.hypot(*(curve.at(t) - point).T)
     candidates = []
-    # of long lines the nearest vertex may be that of another side
+    # the vertex nearest to a point on a long line may belong to another side
     for k in range(len(t) - 1) if len(t) < 8 else np.argsort(distance)[:3]:
         low, high = t[max(k - 1, 0)], t[min(k + 1, len(t) - 1)]
 

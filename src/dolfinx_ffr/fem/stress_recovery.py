@@ -32,7 +32,7 @@ _BLOCK = 16_000_000
 
 
 class StressRecovery:
-    """From displacements of a body to its solid's stress at any density, and exactly back."""
+    """The solid's stress from a body's displacements at any density, and its exact transpose."""
 
     def __init__(self, elasticity: Elasticity, material: ElasticMaterial) -> None:
         domain, d = elasticity.domain, elasticity.dimension

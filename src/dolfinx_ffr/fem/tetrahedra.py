@@ -206,7 +206,7 @@ class Tetrahedra:
         centers: Mapping[str, Sequence[float]],
         order: int,
     ) -> Domain:
-        """A body of what is not void; facets refer to places in ``names``."""
+        """The body of all cells that are not void; facets refer to places in ``names``."""
         arrays = None
         if comm.rank == 0:
             not_void = self.regions != VOID

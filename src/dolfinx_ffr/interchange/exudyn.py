@@ -122,7 +122,7 @@ class Exudyn:
 
 
 def _check_heads(heads: Mapping[str, Head]) -> None:
-    """Raise a ValueError for arrays whose names or sizes are not those of one body."""
+    """Raise a ValueError for arrays whose names or sizes do not fit one body."""
     if missing := [key for key in _NEEDED if key not in heads]:
         raise ValueError(f"the arrays {missing} are missing: it is no file of Exudyn")
     rows, *columns = heads["modeBasis"].shape

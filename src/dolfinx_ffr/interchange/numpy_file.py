@@ -78,7 +78,7 @@ def write_all(path: Path, arrays: Arrays) -> None:
 
 
 def _check_heads(heads: Mapping[str, Head]) -> None:
-    """Raise a ValueError for arrays whose keys, types or shapes are not those of one body."""
+    """Raise a ValueError for arrays whose keys, types or shapes do not fit one body."""
     unknown = sorted(set(heads) - set(_KEYS))
     if unknown:
         raise ValueError(f"unknown keys {unknown}; the keys are {_KEYS}")
@@ -114,7 +114,7 @@ def _length(heads: Mapping[str, Head], key: str) -> int:
 
 
 def _shapes(r: int, d: int, n: int) -> dict[str, tuple[int, ...]]:
-    """Shapes of arrays by key, of r shape functions in d dimensions and of n markers."""
+    """Shapes of arrays by key, for r shape functions in d dimensions and n markers."""
     return {
         "mass": (),
         "S": (r + 1, d),
@@ -135,7 +135,7 @@ def _shapes(r: int, d: int, n: int) -> dict[str, tuple[int, ...]]:
 
 
 def open_archive(path: Path) -> Archive:
-    """A file of arrays, of which only the heads are read."""
+    """A file of arrays; only the heads are read."""
     content = path.read_bytes()
     with _named(path):
         return Archive.of(content)

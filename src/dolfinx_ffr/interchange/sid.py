@@ -470,7 +470,7 @@ def _mixed_moments(terms: dict[str, Taylor]) -> Array:
 
 
 def _inertia(J: Taylor, mixed: Array) -> Array:
-    """The tensor (3, 3) of a column or a matrix; its first order must agree with P_k0."""
+    """The inertia (3, 3) from a column or matrix ``J``; its first order must fit ``mixed``."""
     m0, m1 = J
     expected = theta(mixed + mixed.transpose(0, 2, 1)).transpose(1, 0, 2)
     best: tuple[float, Array] = (np.inf, m0)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The least value of an affine bound over all densities, at every point and not only in cells.
 
-With x(X) in [0, 1] the least integral of x g over a cell is that of min(0, g). In affine cells g is
-a polynomial, and min(0, .) is concave: with the Bernstein polynomials B_i, which are positive and
-add up to one,
+With x(X) in [0, 1] the least integral of x g over a cell is the integral of min(0, g). In affine
+cells g is a polynomial, and min(0, .) is concave: with the Bernstein polynomials B_i, which are
+positive and add up to one,
 
     min(0, sum_i c_i B_i) >= sum_i min(0, c_i) B_i,
 
@@ -78,7 +78,7 @@ class Bernstein:
             return [(0.5 * np.array(corner), half) for corner in product((0, 1), repeat=d)]
         corners = np.vstack([np.zeros(d), np.eye(d)])
         at_corners = [(0.5 * corner, half) for corner in corners]
-        # what is left in the middle is a triangle, or an octahedron of four tetrahedra
+        # the remaining middle is a triangle, or an octahedron of four tetrahedra
         if d == 2:
             return [*at_corners, (np.array([0.5, 0.5]), -half)]
         a, b, c = 0.5 * np.eye(3)
@@ -148,8 +148,8 @@ def _least(
 
     Args:
         domain: The body, whose cells stay solid in part.
-        integrals: Of g over cells, shape (cells,).
-        coefficients: Of g in cells, shape (cells, polynomials).
+        integrals: Integrals of g over cells, shape (cells,).
+        coefficients: Coefficients of g in cells, shape (cells, polynomials).
         share: None for any.
         basis: The polynomials of the coefficients; None where g is constant in each cell.
     """
@@ -164,7 +164,8 @@ def _least(
 def _multiplier(g: Array, sizes: Array, room: float) -> float:
     """The multiplier of the volume where x g is least for densities x in [0, 1] of cells.
 
-    The cells have the mean ``g`` and the volumes ``sizes``, of which ``room`` may be filled.
+    The cells have the mean ``g`` and the volumes ``sizes``; a total volume of ``room`` may be
+    filled.
     """
     order = np.argsort(g)
     full = np.cumsum(sizes[order]) > room

@@ -72,7 +72,7 @@ def rigid_motions(dimension: int) -> Array:
         return np.eye(4)[:, [0, 1, 3]]
     motions = np.zeros((12, 6))
     motions[:3, :3] = np.eye(3)
-    for axis in range(3):  # e_axis x w_0, whose matrix is that of the cross product
+    for axis in range(3):  # e_axis x w_0, by the matrix of the cross product
         motions[3:, 3 + axis] = np.cross(np.eye(3)[axis], np.eye(3)).T.ravel()
     return motions
 
@@ -80,7 +80,7 @@ def rigid_motions(dimension: int) -> Array:
 def rigid_trajectory(
     mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], integrator: Integrator
 ) -> Trajectory:
-    """The motion of the ``mechanism`` with all ``bodies`` rigid; errors are those of `simulate`."""
+    """The motion of the ``mechanism`` with all ``bodies`` rigid; errors as in `simulate`."""
     rigid = {name: body.leading(0) for name, body in bodies.items()}
     return integrate(_of_rigid_bodies(mechanism, rigid), rigid, integrator)
 

@@ -42,7 +42,7 @@ class LowerBound(Shown):
         full: Psi of the full bodies without vibrations.
         sheet: Density of this rank's cells of the best sheet of variable thickness, by body, shape
             (cells,).
-        sheet_psi: Of this sheet without vibrations, on its mesh.
+        sheet_psi: psi of this sheet without vibrations, on its mesh.
         sheet_volume: Filled share of each body's area that the sheet has.
         volume: Upper bounds of the filled shares that it holds for, by body.
         vibrations: Relative change of the full bodies' psi by vibrations.
@@ -97,7 +97,7 @@ def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None
     Constraints leave it valid, as they only exclude parts.
 
     Args:
-        problem: Of a driven machine, whose objectives are `IntegralCompliance`.
+        problem: Problem of a driven machine, whose objectives are `IntegralCompliance`.
         volume: Upper bound of the filled share of the body, in (0, 1], as for `optimize`; for
             several bodies one for all or a mapping by name. None is no bound.
 

@@ -39,11 +39,11 @@ _RANK = 1e-13
 class UnitResponse:
     """Displacements of one body at one density by each of its unit loads.
 
-    The loads are those of the fields of acceleration, then forces and moments at the markers.
+    The loads belong to the fields of acceleration, then to forces and moments at the markers.
 
     Attributes:
-        displacements: Of this rank's dofs by each load, shape (dofs, loads).
-        work: Of each load in the displacement by each other one, shape (loads, loads).
+        displacements: Displacements of this rank's dofs by each load, shape (dofs, loads).
+        work: Work of each load on the displacement by each other load, shape (loads, loads).
         inertia: Int rho x F_k . E_l of the fields of acceleration and the motions of the rigid
             body, shape (fields, motions).
     """

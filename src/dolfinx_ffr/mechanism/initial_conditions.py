@@ -118,7 +118,7 @@ class Start:
         return np.zeros(modes), np.zeros(modes)
 
     def resized(self, modes: Mapping[str, int]) -> Start:
-        """The same start for bodies with other numbers of ``modes``, of which the first agree."""
+        """The same start for bodies with other numbers of ``modes``; the first modes agree."""
         return self
 
 

@@ -109,7 +109,7 @@ class Revolute(_Between):
 class Weld(_Between):
     """Two markers coincide at a constant relative angle: three rows, in space six.
 
-    In space the relative rotation is that of the placements.
+    In space the placements define the relative rotation.
 
     Attributes:
         a: First marker.
@@ -161,8 +161,8 @@ class Translational(_Between):
     """A sliding joint with a constant relative angle: two rows, in space five (a prismatic joint).
 
     The first marker stays on a line through the second, which is fixed to the axes of the second
-    and turns with them, and its angle against the second does not change. In space the relative
-    rotation is that of the placements.
+    and turns with them, and its angle against the second does not change. In space the placements
+    define the relative rotation.
 
     Attributes:
         a: First marker.

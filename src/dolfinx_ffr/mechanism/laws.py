@@ -247,7 +247,7 @@ class OnCircle(_Formula):
 
 
 def _wave(cosine: float, sine: float, phi: ArrayLike) -> Array:
-    """A cosine and a sine of angles (n,), of which mostly one is zero."""
+    """The sum of a cosine and a sine of angles (n,); mostly one of the amplitudes is zero."""
     waves = [a * f(phi) for a, f in ((cosine, np.cos), (sine, np.sin)) if a]
     return sum(waves[1:], waves[0]) if waves else np.zeros(np.shape(phi))
 
@@ -355,6 +355,7 @@ class Spline(_Formula):
         return _basis(derivative.t.tobytes(), derivative.k, self._places(t)[1].tobytes())
 
     def _evaluate(self, order: int, t: Array) -> _Derivative:
+        """The result of `_derivative`, computed anew."""
         x, inside = self._places(t)
         slack = _SLACK * self.length
         for end_kind, beyond in zip(self.ends, (x < -slack, x > self.length + slack), strict=True):

@@ -92,8 +92,8 @@ class Mechanism:
     start: Start = field(default_factory=Assembled)
     jumps: Sequence[float] = ()
 
-    # Of a `ParametricMechanism`: the mechanism at other numbers, of which no two are equal by
-    # chance, and the volume integrals of bodies that depend on parameters.
+    # Of a `ParametricMechanism`: the mechanism at other parameter values that are all different,
+    # and the volume integrals of bodies that depend on parameters.
     twin: ClassVar[Mechanism | None] = None
     own_bodies: ClassVar[Mapping[str, Any]] = {}
 

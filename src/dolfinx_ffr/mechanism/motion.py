@@ -163,7 +163,7 @@ class Motion:
         Args:
             times: Times, shape (n,), each later than the one before [s].
             values: Values at these times, shape (n,) [m or rad].
-            ends: What happens at both ends, or a pair of words for start and end. At ``"rest"`` the
+            ends: Motion beyond both ends, or a pair of words for start and end. At ``"rest"`` the
                 first (degree - 1) / 2 derivatives vanish, and the value stays beyond. In
                 ``"uniform"`` motion acceleration and jerk vanish (with degree 7 also the next
                 derivative), and the velocity stays beyond. ``"natural"`` ends let derivatives from
@@ -214,7 +214,7 @@ class Motion:
             unwrap: Whether angles jump by a full turn somewhere, as measured ones do, and are to be
                 unwrapped: True takes the shorter way from row to row, False the angles as they are.
                 None refuses angles that change by more than half a turn from one row to the next.
-            ends: What happens at the ends, see :meth:`spline`.
+            ends: Motion beyond the ends, see :meth:`spline`.
             degree: Degree of the spline.
             smoothing: Distance of knots for a fit instead of interpolation [s], see :meth:`spline`.
             name: Name for messages and plots; by default the names of file and column.
@@ -262,7 +262,7 @@ class Motion:
     def turning(self, middle: float, cosine: float, sine: float) -> Motion:
         """The motion of a coordinate that turns with this angle.
 
-        It is middle + cosine cos(c) + sine sin(c), as the coordinates of a point on a circle.
+        The motion is middle + cosine cos(c) + sine sin(c), a coordinate of a point on a circle.
         """
         return Motion._of_law(OnCircle(middle, cosine, sine, self), self.name, self.jumps)
 

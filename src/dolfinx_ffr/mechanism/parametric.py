@@ -227,9 +227,9 @@ class ParametricMechanism(Mechanism):
 
     Attributes:
         own_bodies: Integrals of bodies that depend on the parameters, by name.
-        build: From the parameters, as keywords, to a mechanism, or to it and bodies that depend on
-            them.
-        parameters: With their values.
+        build: Maps the parameters, as keywords, to a mechanism, or to a mechanism and bodies that
+            depend on them.
+        parameters: The parameters with their values.
     """
 
     build: Callable[..., Any] = field(default=Mechanism, repr=False)

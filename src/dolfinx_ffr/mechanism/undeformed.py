@@ -199,7 +199,7 @@ def parallel(a: Marker, b: Marker, axis: Triple, undeformed: Undeformed) -> list
 def aligned(
     a: Marker, b: Marker, axis: Triple, undeformed: Undeformed, angle: float | None = None
 ) -> list[Row]:
-    """Rows of markers whose relative rotation is that of the placements: one, in space three.
+    """Rows that keep the relative rotation of two markers as placed: one, in space three.
 
     The multipliers are moments about e_1, e_2 and the axis (in the axes of b), in the plane about
     z. An angle, in the plane alone, takes the place of the angle in the placements [rad].

@@ -322,14 +322,14 @@ class Objective(ABC):
         return self
 
     def parts(self, response: Response) -> list[Objective]:
-        """Objectives whose largest value is that of this one at a ``response``, or itself.
+        """Objectives whose largest value at a ``response`` is this one's value, or itself.
 
         Bounds on all of them have several slopes, a bound on the largest has one.
         """
         return [self]
 
     def places(self, response: Response) -> list[Objective]:
-        """Objectives of several places, whose largest value at a ``response`` is that of this one.
+        """Objectives of several places, whose largest value at a ``response`` is this one's value.
 
         Only :class:`PeakStress` has several; others return themselves. In contrast to `parts` they
         can be evaluated on other meshes, too.
@@ -423,7 +423,7 @@ class Constraint:
     so that g is a number without unit; with a positive upper bound g = psi / upper - 1.
 
     Attributes:
-        objective: What is bounded.
+        objective: The bounded objective.
         upper: Largest value allowed, in the unit of the objective.
         lower: Smallest value allowed, in the unit of the objective.
         name: Name for results and messages; by default the name of the objective's class.
@@ -499,7 +499,7 @@ class Constraint:
 
 
 def constraint_of_place(label: str) -> str:
-    """The label of the constraint of which one of `Constraint.places` has this ``label``."""
+    """The label of the constraint to whose `Constraint.places` this ``label`` belongs."""
     return label.rpartition(_PLACE)[0]
 
 

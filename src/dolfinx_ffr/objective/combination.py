@@ -115,7 +115,7 @@ class PowerMean(Combination):
 
     Args:
         p: Exponent, at least 1, the weighted mean; about 8 comes near to the largest value.
-        weights: As for every combination.
+        weights: Weights as for every combination.
     """
 
     p: float = field(default=8.0, kw_only=True)
@@ -152,8 +152,8 @@ class PowerMean(Combination):
 class WorstCase(Combination):
     """The largest of the objectives, each times its weight; for `MMA`.
 
-    Its gradient is that of the load case with the largest value. Each load case near the largest
-    has a gradient of its own, too, with which `MMA` minimises the bound of all.
+    Its gradient is the gradient of the load case with the largest value. Each load case near the
+    largest has a gradient of its own, too, with which `MMA` minimises the bound of all.
     """
 
     bounds: ClassVar[bool] = True

@@ -54,10 +54,10 @@ class JointForce(OfJoints, MeanOverTime):
         psi = (1/T int |F(t)|^p dt)^(1/p)
 
     With p = 2 it is the root mean square. With ``peak`` psi is the largest force of all instants,
-    and its derivatives are those of the mean, times the ratio of both: take p = 8, say. F is
-    the vector of the joint's forces, as in :meth:`Trajectory.joint_force`. A joint that carries
-    forces and a moment, a weld for instance, counts its forces unless ``moment`` is set; a joint
-    that carries only a moment, a drive, counts that [N m].
+    and its derivatives are the mean's derivatives, times peak over mean: take p = 8, say. F is the
+    vector of the joint's forces, as in :meth:`Trajectory.joint_force`. A joint that carries forces
+    and a moment, a weld for instance, counts its forces unless ``moment`` is set; a joint that
+    carries only a moment, a drive, counts that [N m].
 
     Of several joints, ``JointForce(("crank's bearing", "rocker's bearing"))``, F is the sum of the
     vectors of their forces on the frame: with all bearings of a machine the force by which it
@@ -145,8 +145,8 @@ class DrivePower(_OfDrives, MeanOverTime):
     P is what the joint brings into the bodies: moment times speed of a :class:`PrescribedAngle`,
     force times velocity of a :class:`LinearDrive` or of the pin of a crank (:class:`Moving`), which
     has no mass of its own. With p = 2 psi is the root mean square. With ``peak`` psi is the largest
-    power of all instants, and its derivatives are those of the mean, times the ratio of both: take
-    p = 8, say.
+    power of all instants, and its derivatives are the mean's derivatives, times peak over mean:
+    take p = 8, say.
 
     Attributes:
         joint: Name of the joint, or names of several, whose parts add up.

@@ -36,7 +36,7 @@ Coordinate: TypeAlias = Motion | Callable[[Array], ArrayLike] | float
 
 
 @dataclass(frozen=True, eq=False)
-class _MarkerObjective(Objective):
+class _IntegralOfSquare(Objective):
     """Integral over time of the square of a vector of one marker of a body."""
 
     body: str  #: Name of the body
@@ -158,7 +158,7 @@ def _moved(response: Response, body: str, marker: str) -> tuple[BodyMarker, Stat
 
 
 @dataclass(frozen=True, eq=False)
-class PathTracking(_MarkerObjective):
+class PathTracking(_IntegralOfSquare):
     """Integral over time of the squared distance of a marker from a prescribed path [m^2 s].
 
         psi = int weight(t) |r_P(t) - path(t)|^2 dt
@@ -240,7 +240,7 @@ class PathTracking(_MarkerObjective):
 
 
 @dataclass(frozen=True)
-class _SquareOverTime(_MarkerObjective):
+class _IntegralOverWindow(_IntegralOfSquare):
     """Integral over time of the square of a vector, all instants of a window alike."""
 
     #: Begin and end of the time that counts [s]; None takes the whole motion.
@@ -255,7 +255,7 @@ class _SquareOverTime(_MarkerObjective):
 
 
 @dataclass(frozen=True)
-class MarkerVelocity(_SquareOverTime):
+class MarkerVelocity(_IntegralOverWindow):
     """Integral over time of the squared velocity of a marker [m^2/s].
 
         psi = int |v_P|^2 dt
@@ -275,7 +275,7 @@ class MarkerVelocity(_SquareOverTime):
 
 
 @dataclass(frozen=True)
-class MarkerAcceleration(_SquareOverTime):
+class MarkerAcceleration(_IntegralOverWindow):
     """Integral over time of the squared acceleration of a marker [m^2/s^3].
 
         psi = int |a_P|^2 dt
@@ -296,7 +296,7 @@ class MarkerAcceleration(_SquareOverTime):
 
 
 @dataclass(frozen=True)
-class ResidualVibration(_SquareOverTime):
+class ResidualVibration(_IntegralOverWindow):
     """Mean square of the vibration of a marker after a stop, over a window [m^2].
 
         psi = 1/T int |r_P - r_0|^2 + tau^2 |v_P|^2 dt,    r_0 the mean of r_P over the window

@@ -173,15 +173,15 @@ class Frequency(_WithoutTrajectory):
     interface while the other may slide along the chord. (The basis of the reduction has others,
     with all interfaces fixed: `Evaluation.fixed_interface_frequencies`.) With ``free`` nothing is
     fixed: M is the mass matrix of the body with its frame, rigid-body modes are left out, and the
-    frame does not matter. Sought for its largest value, it takes material away from interfaces,
-    whose mass only lowers it, up to a torn design; one of the held body needs them.
+    frame does not matter. Maximising it removes material from the interfaces, whose mass only
+    lowers it, up to a torn design; a frequency of the held body needs the interfaces.
 
-    Of the rest of the mechanism nothing plays a part, unless ``point_masses`` are counted. Bearings
-    that the frame does not stand for are markers that are ``pinned``.
+    The rest of the mechanism has no influence, except point masses if ``point_masses`` is set.
+    Bearings that the frame does not contain are ``pinned`` markers.
 
     A single frequency has a kink where it equals its neighbour. The inverse mean of a cluster has
-    none as long as other frequencies differ from those of the cluster; for two to four it is close
-    to the lowest.
+    none as long as other frequencies differ from the frequencies of the cluster; for two to four it
+    is close to the lowest.
 
     Warns:
         UserWarning: If the derivative is asked for where the cluster touches its neighbour.

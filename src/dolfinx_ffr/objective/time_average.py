@@ -36,8 +36,8 @@ def time_weights(
 ) -> Array:
     """Weights of integrals over time, or over a window (begin, end), shape of the instants [s].
 
-    A window may begin and end within a step: what is integrated there is the polynomial through the
-    stages of the step, and with constant steps the line between its ends.
+    A window may begin and end within a step: the integrand in this step is the polynomial through
+    its stages, and with constant steps the line between its ends.
     """
     if window is None and trajectory.weights is not None:
         return trajectory.weights
@@ -87,8 +87,8 @@ class MeanOverTime(Objective):
     """Power mean over time of a size, or its largest value.
 
     psi = (1/T int |s(t)|^p dt)^(1/p), or max |s(t)| of the instants with ``peak``. The instant of
-    the peak may change with the design, so the derivatives of a peak are those of the power mean,
-    times the ratio of the peak to the mean at the same design.
+    the peak may change with the design, so the derivatives of a peak are the derivatives of the
+    power mean, times the ratio of the peak to the mean at the same design.
     """
 
     power: float  #: The power p, above 1

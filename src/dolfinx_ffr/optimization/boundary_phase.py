@@ -70,13 +70,13 @@ def move_boundary(
     is tightened by the difference, and four more steps follow, up to three times.
 
     Args:
-        problem: As the parts were designed.
-        boundary: Of the part; of several designed bodies a mapping from their names to one each.
+        problem: The problem for which the parts were designed.
+        boundary: The boundary of the part; for several designed bodies a mapping by name.
         volume: Upper bound of the filled share of the body, of several one for each, or None.
         variables: Values of designs without a domain by name, shape (size,), and densities of
             bodies that stay as they are, (cells,).
         iterations: Number of steps, at most, but for up to twelve that then mend a bound.
-        size: Of the triangles [m]; by default 3.2 minimum members, or what gives 800 triangles.
+        size: Size of triangles [m]; by default 3.2 minimum members, or the size of 800 triangles.
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out, above
             which it gets more; None leaves the modes as they are.
         progress: Show a progress bar on rank 0.
@@ -108,7 +108,7 @@ def moved(
     progress: bool,
     checkpoint: Checkpoint | None = None,
 ) -> BoundaryResult:
-    """As `move_boundary`, its state kept in a ``checkpoint`` after each step."""
+    """Run `move_boundary` and store its state in a ``checkpoint`` after each step."""
     validation.instance("boundary: problem", problem, Problem, "a Problem")
     steps = validation.integer("boundary: iterations", iterations, least=1)
     validation.flag("boundary: progress", progress)
@@ -159,7 +159,7 @@ class BoundaryPhase:
         run: Progress, and the user's wish to stop.
         steps: Number of steps, but for those that then mend a bound.
         identity: Arrays that the checkpoint of an earlier run must have in common with this one.
-        checkpoint: Of the whole run; None keeps nothing.
+        checkpoint: Checkpoint of the whole run; None stores nothing.
         options: Numbers of the steps.
     """
 
@@ -294,7 +294,7 @@ class BoundaryPhase:
 
 
 def _part_violations(trial: BoundaryTrial) -> dict[str, PartViolation]:
-    """What the parts of a trial lack of the sizes and rims that were asked for, by name."""
+    """Violations of required sizes and rims by the parts of a trial, by name."""
     sizes = {name: (asked.member, asked.gap) for name, asked in trial.asked.items()}
     rims = {name: (asked.rim, asked.member) for name, asked in trial.asked.items()}
     return part_violations(trial.problem, trial.parts, sizes, rims)

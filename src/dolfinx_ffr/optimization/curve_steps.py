@@ -36,7 +36,7 @@ class CurveSteps(Iterator[Trial]):
         boundaries: Where the steps begin.
         steps: Their number, as it is planned.
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out, or None.
-        state: Of an earlier run from these boundaries, by `state`; None begins.
+        state: State of an earlier run from these boundaries, by `state`; None begins a run.
     """
 
     reason = "no better step"
@@ -232,7 +232,7 @@ class CurveSteps(Iterator[Trial]):
         return _states(boundaries)
 
     def state(self) -> dict[str, Any]:
-        """All that the next step depends on, as arrays by name."""
+        """The state of the steps as arrays by name."""
         best = {} if self.best is self.trial else self.best.boundaries
         modes = {name: body.modes for name, body in self._descent.problem.flexible.items()}
         return {

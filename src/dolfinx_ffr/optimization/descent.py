@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Boundaries on meshes of their own: psi, its derivatives, what bounds are kept, the best step."""
+"""Boundaries on fitted meshes: psi, its derivatives, violated bounds, the best step."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Trial:
 
     @property
     def asked(self) -> dict[str, AskedSizes]:
-        """Sizes that were asked for, by body."""
+        """Required minimum sizes, by body."""
         return {
             name: AskedSizes(b.member, b.gap if isinstance(b, Boundary) else 0.0, b.rim)
             for name, b in self.boundaries.items()
@@ -218,7 +218,7 @@ class Descent:
     def evaluated(
         self, boundaries: dict[str, Boundary | Surface], problem: Problem, evaluation: Evaluation
     ) -> Trial:
-        """A trial of which all but the constraints is known."""
+        """A trial whose constraints are not evaluated yet."""
         # stress limits are those of these parts
         problem, evaluation = problem.calibrated(evaluation)
         logarithm = self.logarithm
@@ -407,7 +407,7 @@ class Descent:
         return replace(self, turn=turn, sizes=sizes, margins=margins).trial_of(fine)
 
     def with_drawn_sizes(self, trial: Trial) -> Trial:
-        """With what is drawn of its boundaries mended, if that can be simulated."""
+        """The trial whose drawn boundaries have the minimum sizes, if it can be simulated."""
         before = trial.boundaries
         boundaries = {
             name: self.geometry.with_drawn_sizes(boundary) for name, boundary in before.items()

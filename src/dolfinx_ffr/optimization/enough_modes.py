@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""As many normal modes, and as short time steps, as the design at hand needs.
+"""Numbers of normal modes and lengths of time steps that the current design needs.
 
 The error of psi by the modes left out is estimated every few iterations and for the result, and
 modes are added where it exceeds a tolerance: a truss needs more than the full body.

@@ -43,7 +43,7 @@ class History:
         return {name: np.array([row[name] for row in self.rows]) for name in self.columns}
 
     def state(self) -> dict[str, Any]:
-        """As arrays for a checkpoint."""
+        """The history as arrays for a checkpoint."""
         rows = [[row[name] for name in self.columns] for row in self.rows]
         return {"columns": self.columns, "rows": np.array(rows)}
 

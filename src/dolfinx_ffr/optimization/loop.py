@@ -84,7 +84,7 @@ FEASIBLE = 1e-8
 CHANGED = 2.0
 #: Steepness from which on the densities of a level set are shares of cut elements
 CUT_FROM = 16.0
-#: Largest share of a body's area between void and solid of which a part can be made
+#: Largest share of gray area of a body from which a part can be made
 GRAY = 0.1
 NAN = float("nan")
 Distance = Callable[[str], Array | None]
@@ -92,7 +92,7 @@ Distance = Callable[[str], Array | None]
 
 @dataclass(frozen=True)
 class GradientErrors:
-    """How a gradient differs from the exact one over some elements.
+    """Errors of an approximate gradient, relative to the exact one, over some elements.
 
     Attributes:
         l2: Euclidean norm of the difference, relative to that of the exact gradient.
@@ -298,7 +298,7 @@ class DesignLoop:
         return self._logarithm
 
     def accurate(self, evaluation: Evaluation, x: Arrays, iteration: int) -> Evaluation:
-        """The ``evaluation`` of an accepted ``x`` with the time steps and modes that it needs.
+        """The ``evaluation`` of an accepted ``x``, after adding time steps and modes if needed.
 
         Chosen steps are judged again if psi has changed by a factor of two since, modes at every
         fifth ``iteration``.
@@ -335,7 +335,7 @@ class DesignLoop:
         """The ``evaluation`` with its gradient, whose report goes into the history.
 
         Args:
-            evaluation: Of the problem, at an accepted design.
+            evaluation: Evaluation of the problem at an accepted design.
             distance: Distance from the active boundary, see `GradientMethod`.
             iteration: Number of the iteration.
             problem: The evaluated problem, if it is not the problem of the loop.

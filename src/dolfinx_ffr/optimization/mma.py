@@ -605,7 +605,7 @@ class MMASteps(Iterator[Iterate]):
 
 
 def _nominal(design: Variables) -> Variables:
-    """The nominal design, instead of which another one may be analysed."""
+    """The nominal design; the analysed one may differ."""
     return design.nominal if isinstance(design, Design) else design
 
 

@@ -75,10 +75,10 @@ class Secants:
         return cls(x, gradients, np.zeros_like(gradients))
 
     def next(self, x: Array, gradients: Array, comparable: Mask | bool = True) -> Secants:
-        """The secants that end at another point.
+        """The secants after a step to the point ``x``.
 
-        The mask ``comparable`` (1 + m,) is of the functions that are the same as at the last point;
-        second derivatives of the others are unknown.
+        The mask ``comparable`` (1 + m,) marks functions that have not changed since the last point;
+        second derivatives of other functions are unknown.
         """
         if gradients.shape != self.gradients.shape:
             return Secants.begin(x, gradients)

@@ -62,7 +62,7 @@ def optimize(
     iteration and every step of a boundary, on any number of ranks.
 
     Args:
-        problem: What is minimised; its constraints hold too, if the optimiser takes any.
+        problem: The problem with objective and constraints, if the optimiser takes constraints.
         design: On the domain of the problem's body, a `LevelSet` or a `DensityDesign`, or its
             dimensions, a `DimensionDesign`, which takes no ``volume``; with several flexible
             bodies a mapping from their names to one each, of any kind. The `Parameters` of the
@@ -339,7 +339,7 @@ def _of_plates(
 
 
 def default_steps(iterations: int) -> int:
-    """The default number of steps of the boundary after a number of iterations."""
+    """The default number of boundary steps for a number of iterations on the elements."""
     return min(iterations // 2, _BOUNDARY)
 
 

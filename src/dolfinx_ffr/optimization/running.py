@@ -134,9 +134,9 @@ class Run:
     Args:
         comm: The ranks of the run.
         total: Number of steps, as it is planned.
-        unit: What a step is called.
+        unit: Name of a step.
         progress: Whether rank 0 shows a progress bar.
-        label: What stands before the bar.
+        label: Text before the bar.
     """
 
     def __init__(

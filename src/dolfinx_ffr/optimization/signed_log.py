@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How much psi falls, as a share of its size, whatever its sign."""
+"""Relative decrease of psi, whatever its sign."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class SignedLog:
 
     @staticmethod
     def around(psi: float) -> SignedLog:
-        """That of a run that starts with a ``psi``."""
+        """The logarithm of a run that starts with a ``psi``."""
         return SignedLog(_SHARE * abs(psi))
 
     def value(self, psi: float) -> float:

@@ -112,13 +112,13 @@ class Sizing:
         return by_variables(replace(differentiated, constraints=bounds, load_cases=cases))
 
     def calibrated(self, evaluation: SizedEvaluation) -> tuple[Sizing, SizedEvaluation]:
-        """As `Problem.calibrated`, for this and all later designs."""
+        """Calibrate as `Problem.calibrated`, for this and all later designs."""
         return self.adapted(evaluation, MechanicalProblem.calibrated_at)
 
     def adapted(
         self, evaluation: SizedEvaluation, changed: Change
     ) -> tuple[Sizing, SizedEvaluation]:
-        """As `Problem.adapted`, for this and all later designs."""
+        """Adapt as `Problem.adapted`, for this and all later designs."""
         earlier = evaluation.problem
         assert earlier is not None
         problem, adapted_evaluation = earlier.adapted(evaluation, changed)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Changes of the topology between steps of the boundary: what is missing, and what may go."""
+"""Changes of the topology between steps of the boundary: inserted and deleted members."""
 
 from __future__ import annotations
 

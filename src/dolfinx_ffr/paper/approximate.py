@@ -204,7 +204,7 @@ class ApproximateGradient:
             never.
         band: Half-width of the band around the active boundary for which errors are reported as
             well [m]; None takes two mean elements.
-        solver: Of the normal modes' derivatives, "bordered" or "deflated".
+        solver: Solver of the normal modes' derivatives, "bordered" or "deflated".
         progress: Show a progress bar for every gradient; the ranks may differ in that.
     """
 

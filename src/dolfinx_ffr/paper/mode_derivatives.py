@@ -88,8 +88,8 @@ def mode_derivatives(
         reduced: The body, reduced by `FlexibleBody.reduce` at any time.
         cells: Elements owned by this rank, as a mask of shape (cells,) or as numbers; every rank
             gives its own.
-        solver: Of the normal modes' systems: ``"bordered"`` solves directly, with a factor for each
-            mode; ``"deflated"`` iterates and needs no factor but the one of K.
+        solver: Solver of the normal modes' systems: ``"bordered"`` solves directly, with a factor
+            for each mode; ``"deflated"`` iterates and needs no factor but the one of K.
 
     Raises:
         RuntimeError: If a factor cannot be made, an iteration does not converge, or truncated modes

@@ -64,8 +64,8 @@ class ScatteredInterpolation:
     Args:
         points: Shape (n, 2) [m], all different.
         kernel: Radial basis function.
-        degree: Of the polynomial, -1 for none; by default the least that the kernel needs. Exact
-            for polynomials up to this degree.
+        degree: Degree of the polynomial, -1 for none; by default the least that the kernel needs.
+            Exact for polynomials up to this degree.
 
     Raises:
         ValueError: If points are missing, coincide or are not finite, are too few for the
@@ -222,7 +222,7 @@ def best_length(
         kernel: Class of the kernel, such as ``Gaussian``, or a function of its length [m].
         points: Shape (n, 2) [m].
         values: At the points, shape (n,), or (n, m) for m fields.
-        degree: Of the polynomial, as in `ScatteredInterpolation`.
+        degree: Degree of the polynomial, as in `ScatteredInterpolation`.
         bounds: Shortest and longest length [m]; by default from half the median distance of nearest
             points (for a compact kernel, from where it reaches from point to point) to the extent.
 

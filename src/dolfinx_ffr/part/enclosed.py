@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a design encloses: the common part of a flat part and of a solid."""
+"""The base class of a flat part and a solid, which a design encloses."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class Enclosed(Shown, ABC):
     @property
     @abstractmethod
     def volume(self) -> float:
-        """Volume [m^3]; in the plane area times thickness, which is that of a material."""
+        """Volume [m^3]; in the plane area times the thickness of the material."""
 
     @property
     def mass(self) -> float:

@@ -36,7 +36,7 @@ Loop = list[tuple[Curve, str]]
 #: Units of drawings in metres, and their codes in DXF
 UNITS = {"mm": 1e-3, "m": 1.0}
 _INSUNITS = {"mm": 4, "m": 6}
-#: Layer or path of what is no interface
+#: Layer or path of curves outside interfaces
 PART = "part"
 _SVG = """<?xml version='1.0' encoding='utf-8'?>
 <svg xmlns="http://www.w3.org/2000/svg" version="1.1" {size} viewBox="{box}">\
@@ -111,7 +111,7 @@ def write(part: Sheet, path: str | Path, unit: str, comm: MPI.Comm) -> list[Path
 
 
 def _with_lines(loop: Loop) -> Loop:
-    """A loop of curves of which no derivative vanishes, by which CAD programs offset them."""
+    """A loop of curves without vanishing derivatives, which CAD programs need for offsets."""
     return [
         (piece, interface)
         for curve, interface in loop
@@ -254,7 +254,7 @@ def _write_dxf(part: Sheet, path: Path, unit: str) -> None:
 
 
 def _whole(pieces: Sequence[Sequence[Loop]], *, whole_splines: bool = False) -> Drawing:
-    """Pieces of a part, or its pockets, as faces, solid regions not told apart.
+    """Pieces of a part, or its pockets, as faces that include solid regions.
 
     A spline has a curve for each of its polynomials: along several ones OpenCASCADE takes too few
     points for masses, and its offsets fail at random. With ``whole_splines`` it is one curve, along

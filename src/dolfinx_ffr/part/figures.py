@@ -24,7 +24,7 @@ class BodyFigures:
     place: Array | None = None  #: Where it is, in the mesh (dimension,) [m]
 
     def is_of(self, body: FlexibleBody, design: FlexibleBody) -> bool:
-        """Whether these figures of a ``design`` are those of a ``body`` that is solid all over.
+        """Whether these figures of a ``design`` equal the figures of a completely solid ``body``.
 
         They are if both have equal meshes, by their number of cells and their volume, and modes.
         """

@@ -27,7 +27,7 @@ def outline_violations(part: Part | Solid, rim: float, least: float) -> list[Par
     """Where a part crosses the outline of its body, or lacks the rim of a drawn hole.
 
     Args:
-        part: What is to be made of a body.
+        part: The part or solid of a body.
         rim: Width of the rim around each hole of the body's drawing that was asked for [m].
         least: Minimum member, by which lengths are measured [m].
 

@@ -97,7 +97,7 @@ class Part(Verifiable):
             that gives (n,) numbers. Rank 0 evaluates it, all over the body.
         spacing: Length on which the field varies [m], as the distance of knots or a mean element,
             which is the default.
-        material: Of the part, for its mass and thickness.
+        material: Material of the part, for its mass and thickness.
         resolution: Sides of the lattice in one spacing, at least.
         tolerance: Largest distance of a curve from points of the zero line, in spacings.
         web: Thickness where the field is negative, as a share of the part's: pockets are milled

@@ -174,7 +174,7 @@ def attached(
 
 
 def _check_connected(pieces: Sequence[Piece], names: Sequence[str]) -> None:
-    """Refuse pieces, all of which touch interfaces, that do not connect these."""
+    """Refuse pieces that all touch interfaces but do not connect them."""
     pairs = np.array([(i, len(names) + k) for k, p in enumerate(pieces) for i in p.interfaces])
     label = connected(pairs, len(names) + len(pieces))
     groups: dict[int, list[str]] = {}

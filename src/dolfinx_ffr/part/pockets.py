@@ -15,7 +15,7 @@ def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> li
     """The faces of a body that are in no face of a drawing: the floors of its pockets.
 
     Args:
-        drawing: What has the full thickness.
+        drawing: Drawing of the region with full thickness.
         body: The body as polygons [m]; its own holes are no pockets.
         spacing: Length on which the field of the design varies [m].
 

@@ -48,7 +48,7 @@ _DIVISIONS = {"hexahedron": 1, "tetrahedron": 0}
 
 @dataclass(frozen=True, eq=False)
 class Cavity:
-    """A void that the solid encloses: what is printed of powder keeps it."""
+    """A void that the solid encloses; powder of a printer stays in it."""
 
     volume: float  #: [m^3]
     center: Array  #: (3,) of its volume [m]
@@ -66,7 +66,7 @@ class _Findings(Findings):
 
 
 class Solid(Verifiable):
-    """What is to be made of a design in space, bounded by a closed surface of triangles.
+    """The solid that a design in space encloses, bounded by a closed surface of triangles.
 
     Every rank holds all of the surface. Pieces that touch no interface are left out; pieces that
     meet in an edge or a point only do not hold each other.
@@ -75,7 +75,7 @@ class Solid(Verifiable):
         domain: Mesh, interfaces and regions of the body, in space.
         field: Positive in material and zero on its boundary: a function of positions (n, 3) [m]
             that gives (n,) numbers. Rank 0 evaluates it, all over the body.
-        material: Of the solid, for its mass.
+        material: Material of the solid, for its mass.
         size: Of the tetrahedra whose cut is its surface, and of the first that `verify` takes [m];
             by default 24 tetrahedra for each hexahedron of the body, or as many as it has.
         surface: Of those whose cut is its surface, if they are to be smaller [m].

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a part is worth: its problem evaluated again on meshes that fit its boundary."""
+"""Verification of parts: the problem evaluated again on meshes that fit the boundary."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class Verification:
     Largest stresses are known of the design and of the parts on their finest mesh.
 
     Attributes:
-        reported: Of the design.
-        fitted: Of the parts, each time on finer meshes.
+        reported: Figures of the design.
+        fitted: Figures of the parts, each time on finer meshes.
         tolerance: Largest change of psi from one mesh to the next that counts as none.
         modes: Number of normal modes of each part.
-        parts: By name of the body.
+        parts: Parts by name of the body.
         limits: Bounds of constraints and volumes in words, by name.
-        bodies: By name, each part on its finest mesh, and its reduction there.
+        bodies: Each part on its finest mesh and its reduction, by name of the body.
     """
 
     reported: Figures
@@ -79,8 +79,8 @@ class Verification:
 
         Args:
             path: Where rank 0 writes, as `VolumeIntegrals.save`.
-            name: Of the body; by default the only one.
-            format: As `VolumeIntegrals.save`.
+            name: Name of the body; by default the only one.
+            format: Format as in `VolumeIntegrals.save`.
 
         Raises:
             ValueError: If the name is needed or not known, or the format cannot hold the body.
@@ -102,7 +102,7 @@ class Verification:
 
     @property
     def difference(self) -> float:
-        """How much larger psi of the parts is than the reported one, relative to its size."""
+        """Relative excess of psi of the parts over the reported psi."""
         reported = self.reported.psi
         return (self.psi - reported) / abs(reported) if reported else 0.0
 
@@ -142,7 +142,7 @@ class Verification:
 
     @property
     def differences(self) -> list[str]:
-        """Reported numbers that are not those of the parts, each in words.
+        """Reported numbers that differ from the parts' numbers, each in words.
 
         psi and frequencies that differ by more than 2 %, and a largest stress by more than 10 %.
         """
@@ -300,9 +300,9 @@ def verify(
     (`Problem.calibrated`): a `PeakStress` is the largest stress of the part itself.
 
     Args:
-        problem: As it was designed.
-        parts: By name of the body, a `Part` in the plane or a `Solid` in space.
-        evaluation: Of the design, what was reported.
+        problem: The problem that was designed.
+        parts: A `Part` in the plane or a `Solid` in space, by name of the body.
+        evaluation: The reported evaluation of the design.
         modes: Number of normal modes of the parts, one for all or by name; by default that of the
             problem. Slender parts may need more than full bodies.
         size: Of the cells at first [m]. In the plane by default two spacings of each part; they are
@@ -420,7 +420,7 @@ def _volume_bounds(
 
 
 def _check_parts(problem: Problem, parts: Mapping[str, Enclosed]) -> None:
-    """Refuse parts that are not those of flexible bodies, or that lack an interface."""
+    """Refuse parts that belong to no flexible body, or that lack an interface."""
     if not parts or set(parts) - set(problem.flexible):
         raise ValueError(
             f"verify: parts for {sorted(parts)}, but the flexible bodies are "

@@ -92,7 +92,7 @@ def thinnest_member(shape: BaseGeometry, least: float, largest: float) -> Width 
 
 
 def narrowest_gap(shape: BaseGeometry, least: float, largest: float) -> Width | None:
-    """The narrowest gap between members, or hole: the thinnest member of what is not material."""
+    """The narrowest gap or hole: the thinnest member of the region without material."""
     around = shapely.box(*shape.bounds).buffer(3.0 * largest, join_style="mitre")
     return thinnest_member(around.difference(shape), least, largest)
 

@@ -211,8 +211,8 @@ def plot_curves(
     """Draw curves in panels under each other.
 
     Args:
-        panels: By heading with unit, curves by name, each an abscissa and values of the same size.
-        xlabel: What the abscissa is, with unit.
+        panels: Curves by name, by heading with unit; a curve is an abscissa and as many values.
+        xlabel: Name of the abscissa, with unit.
         markers: A mark at each point.
         path: File to write.
         title: Heading.

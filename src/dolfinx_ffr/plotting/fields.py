@@ -238,7 +238,7 @@ def mesh_grid(domain: Domain, fields: Mapping[str, ArrayLike]) -> pyvista.Unstru
 
     Args:
         domain: The body.
-        fields: By name, values of this rank's cells, shape (cells, ...).
+        fields: Values of this rank's cells by name of the field, shape (cells, ...).
 
     Returns:
         The grid on rank 0, with straight-sided cells; None elsewhere.

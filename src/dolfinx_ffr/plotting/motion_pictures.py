@@ -158,7 +158,7 @@ def animate_boundary(
 
     Args:
         body: The plane body that was designed.
-        materials: What the boundary encloses in each step, as in `BoundaryResult.materials`.
+        materials: The enclosed material of each step, as in `BoundaryResult.materials`.
         psi: Objective of each step, shape (steps,).
         path: File to write, .gif, or .mp4 where ffmpeg is installed.
 

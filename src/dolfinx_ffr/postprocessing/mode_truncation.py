@@ -45,9 +45,9 @@ MOST = 0.9
 def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
     """Estimated relative error of psi by the normal modes that each body leaves out.
 
-    The cost is that of a back-substitution and of one simulation with some seven coordinates more.
-    Where a body has been reduced at another density since, its matrices are assembled and factored
-    first. The modes left out count by what they add statically; `model_report` takes a second term.
+    It takes a back-substitution and one simulation with some seven coordinates more. Where a body
+    has been reduced at another density since, its matrices are assembled and factored first. The
+    modes left out count by what they add statically; `model_report` takes a second term.
 
     The ``evaluation`` is what a `value` of the ``problem`` returned, at any time. By name of the
     flexible bodies, the result is the change of psi with what the other modes of this body would
@@ -83,7 +83,7 @@ def propose_modes(
 
     Args:
         problem: The scene.
-        evaluation: What its `value` returned, at any time.
+        evaluation: A result of the problem's `value`.
         tolerance: Relative error of psi that is allowed for each body.
 
     Warns:
@@ -265,9 +265,9 @@ def _error(
     return relative_change(psi_with(problem, evaluation, {**bodies, name: shorter}), exact)
 
 
-def relative_change(found: float, exact: float) -> float:
-    """How far a number is from the ``exact`` one, relative to it; as it is where that is zero."""
-    return abs(found - exact) / abs(exact) if exact else abs(found)
+def relative_change(value: float, exact: float) -> float:
+    """Relative error of a ``value``; the absolute error where the ``exact`` value is zero."""
+    return abs(value - exact) / abs(exact) if exact else abs(value)
 
 
 def _least(holds: Callable[[int], bool], most: int, first: int) -> int:
@@ -300,7 +300,7 @@ class LocalModes:
         numbers: (k,) of the modes, counted from 1.
         frequencies: (k,) [Hz].
         places: (k, dimension) centres of their kinetic energy in the mesh's coordinates [m].
-        share: Of the body's strain energy over all load cases that they hold, in [0, 1].
+        share: Their share of the body's strain energy over all load cases, in [0, 1].
     """
 
     numbers: Integers

@@ -40,14 +40,14 @@ class BodyReport:
         kind: "flexible" with a density, "given" by its integrals, or "rigid".
         constraint_modes: Number of shape functions that move an interface.
         normal_modes: Number of fixed-interface normal modes.
-        highest_frequency: Of the normal modes kept [Hz]; NaN if there are none.
+        highest_frequency: Highest frequency of the retained normal modes [Hz]; NaN without modes.
         next_frequency: The first one left out [Hz]; NaN if not known.
         stiffening: Loads whose geometric stiffness is modelled.
         softening: Largest relative softening by the body's own rotation; 1 is the limit.
         elements: Number of elements with a density.
         long_interfaces: Interfaces that span more than a quarter of the body, which they make rigid
             there, each with its extent over the body's.
-        order: Of the displacements in its elements; 0 where it has none.
+        order: Order of the elements; 0 for a body without elements.
     """
 
     kind: str
@@ -67,13 +67,13 @@ class ModelReport:
     """The contents of a model, the terms that it leaves out, and estimates of its errors.
 
     Attributes:
-        bodies: By name.
+        bodies: Figures of each body by name.
         coordinates: Number of coordinates of all bodies.
         rows: Number of scalar constraints of the joints, of several load cases the largest.
         left_out: Terms that nothing in the scene asks for, in any load case, in words.
         psi: The objective.
         modes_error: Estimated relative error of psi by the modes left out.
-        step_error: Estimated relative error of psi, and of what is bounded, by the time step.
+        step_error: Estimated relative error of psi and of the constraints by the time step.
     """
 
     bodies: dict[str, BodyReport]
@@ -128,11 +128,10 @@ class ModelReport:
 def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
     """Report the contents of a model and estimates of its errors.
 
-    The cost is that of some simulations of the reduced bodies and of two back-substitutions;
-    nothing is reduced again. The ``evaluation`` is what a `value` of the ``problem`` returned, at
-    any time; matrices of bodies that were reduced at other densities since are factored once more.
-    Errors and warnings are those of `mode_error`, and a SimulationError if there is no motion with
-    other steps.
+    It takes some simulations of the reduced bodies and two back-substitutions; nothing is reduced
+    again. The ``evaluation`` is what a `value` of the ``problem`` returned, at any time; matrices
+    of bodies that were reduced at other densities since are factored once more. Errors and warnings
+    are those of `mode_error`, and a SimulationError if there is no motion with other steps.
     """
     moved = list(trajectories_of(problem, evaluation, "model_report").values())
     psi, bodies = evaluation.psi, {}
@@ -178,7 +177,7 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
 
 
 def _long_interfaces(domain: Domain) -> dict[str, float]:
-    """Extents of the long interfaces over that of the body, by name."""
+    """Extents of the long interfaces divided by the extent of the body, by name."""
     extent = float(np.linalg.norm(np.ptp(domain.bounding_box, axis=0)))
     shares = {name: part.extent / extent for name, part in domain.interfaces.items()}
     return {name: share for name, share in shares.items() if share > LONG_INTERFACE}

@@ -24,8 +24,8 @@ the body other than interfaces are not corrected.
 strain, s = 0 by default: the stress in the solid part of the material. s = p - q > 0 is the
 relaxation of the stress constraint of the qp approach, with p the exponent of SIMP (M. Bruggi,
 Structural and Multidisciplinary Optimization 36 (2008), doi:10.1007/s00158-007-0203-6); s = 1/2 is
-that of C. Le et al., ibid. 41 (2010), doi:10.1007/s00158-009-0440-y. Void has no stress. The web
-of a pocket has that of the solid.
+that of C. Le et al., ibid. 41 (2010), doi:10.1007/s00158-009-0440-y. Void has no stress. The web of
+a pocket has the stress of the solid.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ class StressEnvelope(Shown):
         step: (cells,) time step at which it occurs.
         time: (cells,) time at which it occurs [s].
         solid: (cells,) cells that are not void.
-        largest: Of all cells, the same on every rank [Pa].
+        largest: Largest stress of all cells, the same on every rank [Pa].
         largest_time: When it occurs [s].
         largest_step: Time step at which it occurs.
         largest_position: (dimension,) where it occurs, undeformed, mesh coordinates [m].
@@ -187,7 +187,7 @@ def von_mises(body: FlexibleBody, reduced: ReducedBody, q: ArrayLike) -> Array:
 
     It is the largest one at the points of the cell, for elastic coordinates ``q``, shape (modes,),
     of the ``reduced`` ``body``. Inertia forces are not known here; for a body in motion
-    `worst_stress` is more accurate. Void and relaxation are those of `StressModes.of` by default.
+    `worst_stress` is more accurate. Void and relaxation have the defaults of `StressModes.of`.
     """
     modes = StressModes.of(body, reduced, correction=False)
     return np.asarray(np.max(modes.von_mises(q), axis=1))

@@ -161,7 +161,7 @@ class Pullback:
     """The map from derivatives of a number by bodies and parameters to gradients of the design.
 
     Derivatives by integrals and stress go back through the reduction. Each call takes adjoint
-    solutions of the finite elements, of which it adds up iterations and time.
+    solutions of the finite elements, and adds up their iterations and time.
     """
 
     def __init__(

@@ -30,7 +30,7 @@ class LoadCaseEvaluation(Gradients):
         psi: Value of its objective, the same on every rank.
         trajectory: Replicated on every rank; None if neither objective nor constraints depend on
             it.
-        constraints: By their own names.
+        constraints: Constraints by name.
         integrals_gradient: Derivative of psi with respect to the integrals of every body, the same
             on every rank; None where only the value was asked for, or where the load case has no
             weight.
@@ -75,7 +75,7 @@ class Evaluation(Shown, Gradients):
             same on every rank; empty where there are none, or only the value was asked for.
         mechanism_parameters: The parameters of the mechanism, with their values.
         label: Name under which their values were given beside densities; the gradient has it, too.
-        load_cases: By name of the load case.
+        load_cases: Evaluations by name of the load case.
     """
 
     psi: float

@@ -87,7 +87,7 @@ class Problem:
         mechanism: Joints, motions, point masses, gravity; made of `Parameters`, psi and
             constraints have derivatives by these, too.
         integrator: Time interval and steps, or a `TimeInterval` for which steps are chosen.
-        objective: What is minimised.
+        objective: The objective to minimise.
         constraints: Bounds on further objectives, for optimisers that take several.
 
     Raises:
@@ -124,7 +124,7 @@ class Problem:
         all go back to the densities together. The load cases are spread over the ranks.
 
         Args:
-            bodies: By the names that the mechanisms use.
+            bodies: Bodies by the names that the mechanisms use.
             load_cases: By name, each with a mechanism, an integrator, an objective and
                 constraints of its own; the constraints of all must hold.
             combine: How the objectives become one; by default their sum, `WeightedSum()`.
@@ -468,8 +468,8 @@ class Problem:
         Args:
             x: Densities of the cells owned by this rank, shape (cells,), in [0, 1]; with more than
                 one flexible body a mapping by name. The mapping may have values of the parameters,
-                shape (parameters,), under a name that is not that of a body; else those of the
-                problem count (see `at`).
+                shape (parameters,), under a name that no body has; otherwise the values of the
+                problem are used (see `at`).
 
         Raises:
             ValueError: If a density has the wrong size, is NaN or leaves [0, 1], or if a body has
@@ -703,7 +703,7 @@ class Problem:
         functions of a body.
 
         Args:
-            evaluation: Of this problem; it gives the densities and the parameters.
+            evaluation: An evaluation of this problem, with its densities and parameters.
             bodies: Volume integrals of all bodies, by name.
             stresses: Stress of the bodies with a mesh, by name.
             integrators: Replace the problem's integrators, by load case.

@@ -127,28 +127,36 @@ def adjoints(
 
     Args:
         comm: The ranks, among which the jobs are spread.
-        responses: By load case.
+        responses: Responses by load case.
         direct: Partial derivatives by load case and label.
     """
-    several, by_job = len(responses) > 1, dict[Job, Derivatives]()
+    several = len(responses) > 1
     costs = {}
     for job, partial in direct.items():
         trajectory = responses[job[0]].simulated
         costs[job] = (
             0.0 if trajectory is None or partial.trajectory is None else float(trajectory.y.size)
         )
+    by_job: dict[Job, Derivatives] = {}
     with on_every_rank(comm, WORK):
-        mine = _mine(comm, costs) if several else list(direct)
-        for case in dict.fromkeys(name for name, _ in mine):
+        jobs_of_rank = _mine(comm, costs) if several else list(direct)
+        for case in dict.fromkeys(name for name, _ in jobs_of_rank):
+            partials = {job: direct[job] for job in jobs_of_rank if job[0] == case}
             with _named(case) if several else nullcontext():
-                jobs, bars = [job for job in mine if job[0] == case], dict[Job, Bars]()
-                for job in jobs:
-                    response, bar = responses[case], direct[job].trajectory
-                    if bar is not None and depends_on_motion(direct[job], response):
-                        bars[job] = adjoint(response.trajectory, bar)
-                by_job |= through_trajectory(responses[case], jobs, bars)
-    all_jobs = _joined(gathered(comm, "the adjoints of a problem", by_job)) if several else by_job
-    return {job: all_jobs[job] for job in direct}
+                bars = _adjoints_of_case(responses[case], partials)
+                by_job |= through_trajectory(responses[case], list(partials), bars)
+    if several:
+        by_job = _joined(gathered(comm, "the adjoints of a problem", by_job))
+    return {job: by_job[job] for job in direct}
+
+
+def _adjoints_of_case(response: Response, partials: Mapping[Job, Derivatives]) -> dict[Job, Bars]:
+    """The adjoints of the jobs of one load case whose value depends on its motion."""
+    bars = {}
+    for job, partial in partials.items():
+        if partial.trajectory is not None and depends_on_motion(partial, response):
+            bars[job] = adjoint(response.trajectory, partial.trajectory)
+    return bars
 
 
 def _mine(comm: MPI.Comm, costs: Mapping[Key, float]) -> list[Key]:
@@ -216,7 +224,7 @@ def checked_memory(bodies: DesignedBodies, cases: Cases, available: int, *, adjo
 def with_first_steps(bodies: DesignedBodies, cases: Cases) -> dict[str, MechanicalProblem]:
     """The load cases with method and steps in the place of time intervals.
 
-    Steps are chosen for half filled and for full bodies, of which the costlier choice counts.
+    Steps are chosen for half filled and for full bodies, and the costlier choice is used.
     """
     intervals = {
         name: case.integrator

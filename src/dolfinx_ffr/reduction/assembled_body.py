@@ -104,13 +104,13 @@ def reduce_matrices(
     """The volume integrals of a body by its ``matrices``; it moves beside bodies with a mesh.
 
     Args:
-        matrices: Of the body that floats freely, with its nodes.
+        matrices: Matrices of the free body, with its nodes.
         frame: Reference conditions of the floating frame.
         interfaces: Node sets that move as rigid bodies each.
         modes: Number of fixed-interface normal modes.
         centers: Reference points of interfaces by name, shape (3,) [m]; by default the middle of a
             cylinder's axis, or the centroid of the faces between the nodes.
-        tolerance: Of the modes, as for `FlexibleBody`.
+        tolerance: Tolerance of the modes, as for `FlexibleBody`.
         mass: Mass [kg] that the body is known to have, within one per cent: a check of units.
         comm: Ranks that share the result, by default all; they call with the same arguments.
 

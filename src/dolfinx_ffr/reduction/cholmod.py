@@ -120,12 +120,12 @@ class OrderedFactor:
 
     Args:
         begins: Where rows begin (n + 1,), as PETSc stores them, in its integers.
-        columns: Of the entries of the whole matrix, sorted within rows.
-        at_end: Of each unknown, whether it comes after all others.
+        columns: Columns of the entries of the whole matrix, sorted within rows.
+        at_end: Mask of the unknowns that come after all others.
 
     Attributes:
         size: Number of unknowns n.
-        places: Of each unknown in L (n,).
+        places: Place of each unknown in L (n,).
         entries: Numbers that L holds, zeros in its blocks among them.
     """
 
@@ -153,7 +153,7 @@ class OrderedFactor:
         self._corner = self._corner_entries(np.sort(self.places[at_end]))
 
     def _sparse(self, begins: NDArray[Any], rows: NDArray[Any], values: Array | None) -> _Sparse:
-        """A symmetric matrix, of which CHOLMOD reads the upper part."""
+        """A symmetric matrix; CHOLMOD reads its upper part."""
         n, address = len(begins) - 1, None if values is None else values.ctypes.data
         kind = 0 if values is None else _REAL
         matrix = _Sparse(n, n, len(rows), begins.ctypes.data, rows.ctypes.data, None, address, None)

@@ -12,9 +12,6 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 from petsc4py import PETSc
 
 import numpy as np
@@ -22,6 +19,7 @@ import numpy as np
 from ..arrays import Integers, Mask
 from ..fem import Block, Elasticity, rigid_fields
 from .direct_solver import SharedFactor, factor_package
+from .eigenpairs import by_columns, vectors
 from .nested_boxes import interpolations
 
 #: Prefix of the options of GAMG in PETSc's database, in which a user's own come first. Aggregates
@@ -165,25 +163,3 @@ def coarse_systems(elasticity: Elasticity, clamped: Mask) -> NestedBoxes | Aggre
     """Systems of nested boxes where nodes stand on a lattice, else of aggregates."""
     matrices = interpolations(elasticity, clamped)
     return NestedBoxes(elasticity, matrices) if matrices else Aggregates(elasticity, clamped)
-
-
-def vectors(template: PETSc.Vec, block: Block) -> list[PETSc.Vec]:
-    """The columns of a block."""
-    copies = [template.duplicate() for _ in block.T]
-    for vector, column in zip(copies, block.T, strict=True):
-        vector.setArray(column)
-    return copies
-
-
-def by_columns(
-    function: Callable[[Any, Any], None], right: PETSc.Vec, image: PETSc.Vec, block: Block
-) -> Block:
-    """A function of one vector for each column; the vectors that it works with are destroyed."""
-    result = np.empty((image.getLocalSize(), block.shape[1]), order="F")
-    for i in range(block.shape[1]):
-        right.setArray(block[:, i])
-        function(right, image)
-        result[:, i] = image.getArray(readonly=True)
-    image.destroy()
-    right.destroy()
-    return result

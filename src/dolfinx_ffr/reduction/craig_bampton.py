@@ -31,7 +31,7 @@ from .factored_body import ClampedMatrices, FactoredBody
 from .frame import Frame
 from .krylov import KrylovSpace
 from .multigrid import MultigridSolver
-from .normal_modes import CLUSTER, EigenSolver, LowestModes, below_following, cluster
+from .normal_modes import CLUSTER, EigenSolver, below_following, cluster
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class CraigBampton:
         elasticity: Stiffness and mass of the body.
         frame: Reference conditions, `ChordFrame` or `TangentFrame`.
         modes: Number of normal modes.
-        tolerance: Of modes and adjoint fields, as for `FlexibleBody`.
+        tolerance: Tolerance of modes and adjoint fields, as for `FlexibleBody`.
         solver: ``"direct"`` or ``"iterative"``, as for `FlexibleBody`.
 
     Raises:
@@ -315,24 +315,26 @@ class CraigBampton:
         load = self.elasticity.apply(factored.matrices.stiffness, self._lifted)
         load[self.clamped] = 0.0
         n = self.modes
+        eigenvalues, normal = np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
+        mass_normal = normal
         if n:
-            lowest = self._eigensolver.lowest(factored, n, load)
-            self._warn_about_cluster(lowest.eigenvalues)
+            eigenvalues, normal, mass_normal, bounds, static = self._eigensolver.lowest(
+                factored, n, load
+            )
+            self._warn_about_cluster(eigenvalues, bounds)
         else:
-            none = np.zeros((self.elasticity.n_dofs, 0))
-            lowest = LowestModes(np.zeros(0), none, none, factored.solve(load))
+            static = factored.solve(load)
         return ReducedBasis(
-            shapes=np.hstack([self._lifted - lowest.static, lowest.fields[:, :n]]),
+            shapes=np.hstack([self._lifted - static, normal[:, :n]]),
             n_constraint=self.n_constraint,
-            eigenvalues=lowest.eigenvalues[:n],
-            mass_times_normal=lowest.mass_fields[:, :n],
-            truncated_eigenvalues=lowest.eigenvalues[n:],
-            truncated_modes=lowest.fields[:, n:],
-            mass_times_truncated=lowest.mass_fields[:, n:],
+            eigenvalues=eigenvalues[:n],
+            mass_times_normal=mass_normal[:, :n],
+            truncated_eigenvalues=eigenvalues[n:],
+            truncated_modes=normal[:, n:],
+            mass_times_truncated=mass_normal[:, n:],
         )
 
-    def _warn_about_cluster(self, eigenvalues: Array) -> None:
-        bounds = cluster(eigenvalues, self.modes)
+    def _warn_about_cluster(self, eigenvalues: Array, bounds: tuple[int, int]) -> None:
         if self.modes in bounds:
             return
         pair = np.sqrt(eigenvalues[self.modes - 1 : self.modes + 1]) / (2 * np.pi)
@@ -349,7 +351,7 @@ class CraigBampton:
         return " or ".join(str(k) for k in bounds if 0 < k < self._eigensolver.freedoms)
 
     def warn_of_missing_modes(self, factored: FactoredBody, basis: ReducedBasis) -> None:
-        """Count the modes of a body with its ``basis`` anew; what is ``factored`` is freed.
+        """Count the modes of a body with its ``basis`` again; the ``factored`` body is freed.
 
         Warns:
             UserWarning: If there are others than those found, or they cannot be counted.
@@ -374,11 +376,12 @@ class CraigBampton:
             )
 
     def check_gap(self, factored: FactoredBody, basis: ReducedBasis) -> None:
-        """Refuse a ``basis`` whose span has no derivative, for its ``factored`` body.
+        """Refuse a ``basis`` of a ``factored`` body that cuts a cluster of eigenvalues.
 
-        Across a relative gap g the round-off r of the eigenvalues, relative to them, leaves a share
-        r / g of the first truncated mode in the last retained one, and the span turns by 1 / g: the
-        gradient is wrong by r / g^2 of its size, and below g = sqrt(r) it has no digit.
+        The span of such a basis has no derivative. Across a relative gap g the round-off r of the
+        eigenvalues, relative to them, leaves a share r / g of the first truncated mode in the last
+        retained one, and the span turns by 1 / g: the gradient is wrong by r / g^2 of its size, and
+        below g = sqrt(r) it has no digit.
         """
         if basis.spectral_gap >= CLUSTER:
             return

@@ -229,7 +229,7 @@ class Between:
 
 
 class PartedFactor(LinearSolver):
-    """A factor of its part of the body on each rank, and one of what is between the parts."""
+    """A factor of its part of the body on each rank, and a factor of the cuts between the parts."""
 
     def __init__(self, elasticity: Elasticity, matrix: PETSc.Mat, between: Between) -> None:
         self._elasticity, comm = elasticity, elasticity.comm

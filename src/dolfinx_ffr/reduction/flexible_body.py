@@ -54,7 +54,7 @@ class ReducedBody(Shown):
     It holds arrays only; `FlexibleBody.factored` has matrices and factor of its density.
 
     Attributes:
-        integrals: What the mechanism sees, bit-identical on every rank.
+        integrals: Volume integrals for the mechanism, bit-identical on every rank.
         basis: Shape functions of this rank's dofs, frequencies.
         density: (cells,) of this rank, not to be written to.
         seconds: Time spent by name of the part [s].
@@ -250,7 +250,7 @@ class FlexibleBody:
         return np.unique(_compat.cell_geometry(self.domain.mesh)[cells])
 
     def volume(self, x: ArrayLike) -> tuple[float, Array]:
-        """The filled share of the body's area, the same on every rank, and its derivative.
+        """The filled share of the body's area, equal on every rank, and its derivative.
 
         For the density ``x`` of this rank's cells, shape (cells,), as `reduce`.
         """
@@ -304,7 +304,7 @@ class FlexibleBody:
             )
 
     def factored(self, reduced: ReducedBody) -> FactoredBody:
-        """Matrices and factor at the density of a ``reduced`` body, from `reduce` at any time.
+        """Matrices and factor at the density of a ``reduced`` body, a result of `reduce`.
 
         They are made again if the body has been worked at another density since, and live until it
         is worked at another one. Collective, in the same order on all ranks.
@@ -429,7 +429,7 @@ class FlexibleBody:
         """The derivatives of psi by each density and each node, given that by the integrals.
 
         Args:
-            reduced: What `reduce` returned, at any time (`factored`).
+            reduced: A result of `reduce`, see `factored`.
             bar: Derivative of psi with respect to the integrals; psi must not depend on the choice
                 of basis within the span of the shape functions, as no physical quantity does.
             shapes: Derivative of psi with respect to the shape functions themselves, at fixed
@@ -475,7 +475,7 @@ class FlexibleBody:
         fields: ShapesBar | None = None,
         moved: Array | None = None,
     ) -> _Adjoint:
-        """All fields of which the derivatives are integrals, see `pullback`."""
+        """All fields whose products give the derivatives as integrals, see `pullback`."""
         factored, basis = self.factored(reduced), reduced.basis
         if fields is not None and fields.K is not None:
             bar = replace(bar, K=bar.K + fields.K)

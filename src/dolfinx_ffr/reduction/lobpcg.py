@@ -30,7 +30,7 @@ from ..fem import Block, Elasticity
 
 @dataclass(frozen=True)
 class LobpcgOptions:
-    """When iterations end, and what is round-off."""
+    """Limits of iterations, and tolerances for round-off."""
 
     max_iterations: int = 500
     nothing: float = 1e-13  #: Share of a direction, relative to the largest, that is round-off

@@ -29,8 +29,9 @@ import numpy as np
 
 from ..arrays import Integers, Mask
 from ..fem import Array, Block, Elasticity, by_dense, dense_matrix
-from .coarse_systems import by_columns, coarse_systems
+from .coarse_systems import coarse_systems
 from .direct_solver import LinearSolver, SharedFactor, check_memory, factor_package
+from .eigenpairs import by_columns
 from .lobpcg import lobpcg
 
 

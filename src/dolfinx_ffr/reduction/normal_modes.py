@@ -6,8 +6,8 @@ and the images of the space under K^-1 M make eigenvectors clean at no further s
 that grows from two vectors holds two vectors of each eigenspace: further copies of an eigenvalue
 come in by round-off, late or not at all. So noise joins the space, which brings in the copies that
 are missing, as of equal blades on a hub, and proves at a risk of 1e-10 that there are no more
-(`Certificate`). SLEPc's Krylov-Schur method, with modes counted by another factor, takes 1.1 times
-the time of value and gradient with 4,000 elements in the plane, and 1.5 times with 5,000 in space.
+(`Certificate`). Where the space would grow too large, SLEPc's Krylov-Schur method takes over from a
+scattered start, and modes are counted by another factor.
 
 Without a factor, by multigrid, a block of scattered fields is iterated, which holds as many copies
 as it has fields; nothing is proved then.
@@ -28,6 +28,7 @@ import scipy.linalg
 from ..arrays import Mask
 from ..fem import Array, Block, Elasticity
 from .certificate import Certificate, noise
+from .eigenpairs import lowest_eigenpairs
 from .factored_body import FactoredBody
 from .krylov import KrylovSpace, projected
 from .multigrid import MultigridSolver
@@ -47,7 +48,7 @@ class SearchOptions:
     narrow_block: int = 2  #: The same for a body in the plane with less than `small` unknowns
     small: int = 30_000  #: Unknowns
     most: int = 100  #: Fields of a space, at most, and
-    most_for_a_mode: int = 6  #: so many more for each mode; half of both were seen
+    most_for_a_mode: int = 6  #: so many more for each mode
     #: Relative residual of modes from which on noise joins the space: it needs some blocks to tell
     #: anything, by which modes become accurate
     join_noise_at: float = 1e-3
@@ -60,16 +61,8 @@ class SearchOptions:
 
 
 SEARCH = SearchOptions()
-
-
-@dataclass(frozen=True, eq=False)
-class LowestModes:
-    """The lowest modes, more than were asked for."""
-
-    eigenvalues: Array  #: (k,)
-    fields: Block  #: (dofs, k), of modal mass one
-    mass_fields: Block  #: (dofs, k) M times them
-    static: Block  #: K^-1 times the loads that were given, (dofs, columns)
+#: Eigenvalues (k,), fields (dofs, k) of modal mass one, M times them, bounds, static solutions
+Found = tuple[Array, Block, Block, tuple[int, int], Block]
 
 
 class EigenSolver:
@@ -88,40 +81,47 @@ class EigenSolver:
         width = SEARCH.narrow_block if narrow else SEARCH.block
         self._block = np.hstack([self._smooth, *map(self._scattered, range(1, width))])
 
-    def lowest(self, factored: FactoredBody, number: int, loads: Block) -> LowestModes:
-        """The ``number`` lowest modes, to the end of the last one's `cluster` and beyond.
+    def lowest(self, factored: FactoredBody, number: int, loads: Block) -> Found:
+        """The ``number`` lowest modes, and more to the end of the last one's cluster and beyond.
 
-        With K^-1 times ``loads`` (dofs, columns), for which the factor is not read once more.
-        RuntimeError if modes do not converge.
+        With the `cluster` of the last mode asked for, and K^-1 times ``loads`` (dofs, columns), for
+        which the factor is not read once more. RuntimeError if modes do not converge or remain
+        missing.
         """
-        solver = factored.clamped.solver
-        if isinstance(solver, MultigridSolver):
-            # where solutions are approximate, a Krylov space loses its recurrence
-            eigenvalues, fields = self._by_multigrid(factored, solver, number)
-            mass_fields = self.elasticity.apply(factored.clamped.mass, fields)
-            return LowestModes(eigenvalues, fields, mass_fields, factored.solve(loads))
-        return self._in_krylov_space(factored, number, loads)
-
-    def _by_multigrid(
-        self, factored: FactoredBody, solver: MultigridSolver, number: int
-    ) -> tuple[Array, Block]:
-        """The modes of `lowest`, without a proof that none is missing: (k,) and (dofs, k)."""
-        mass = factored.clamped.mass
-        starts = self._scattered_block(0, number + 1)
-        eigenvalues, fields = solver.modes(mass, number + 1, starts, None)
-
-        while cluster(eigenvalues, number)[1] == len(eigenvalues) < self.freedoms:
-            remaining = self.freedoms - len(eigenvalues)
+        iterative = isinstance(factored.clamped.solver, MultigridSolver)
+        # where solutions are approximate, a Krylov space loses its recurrence
+        certified = None if iterative else self._in_krylov_space(factored, number, loads)
+        if certified is not None:
+            return certified
+        eigenvalues, fields = self._search(factored, self._smooth, number + 1)
+        while True:
+            begin, end = cluster(eigenvalues, number)
+            if end == self.freedoms:
+                break
+            missing, below = len(eigenvalues), np.inf
+            if end < len(eigenvalues):
+                below = below_following(eigenvalues, end)
+                missing = 0 if iterative else factored.count_below(below) - end
+            if missing == 0:
+                break
             # A few at a time: each further copy of the low ones brings the last one asked for, and
             # with it the missing ones, further down.
-            count = min(len(eigenvalues), max(4, number // 4), remaining)
-            starts = self._scattered_block(len(eigenvalues), count)
-            _, further_fields = solver.modes(mass, count, starts, fields)
+            count = min(missing, max(4, number // 4), self.freedoms - len(eigenvalues))
+            start = self._scattered(len(eigenvalues))
+            further, further_fields = self._search(factored, start, count, fields)
+            if not np.any(further < below):
+                raise RuntimeError(
+                    f"reduction: {end} normal modes were found below "
+                    f"{np.sqrt(below) / (2.0 * np.pi):.6g} Hz, and {end + missing} were counted: "
+                    "the body is too ill-conditioned to tell; a void with more stiffness, or "
+                    "another number of modes, may help"
+                )
             eigenvalues, fields = self._ritz(factored, np.hstack([fields, further_fields]))
-        return eigenvalues, fields
+        masses = self.elasticity.apply(factored.clamped.mass, fields)
+        return eigenvalues, fields, masses, (begin, end), factored.solve(loads)
 
-    def _in_krylov_space(self, factored: FactoredBody, number: int, loads: Block) -> LowestModes:
-        """The modes of `lowest`, certified."""
+    def _in_krylov_space(self, factored: FactoredBody, number: int, loads: Block) -> Found | None:
+        """The modes of `lowest`, certified, or None if that takes too many vectors."""
         # K^-1 M V y, unlike V y, is free of fields that the mass does not see, in void
         space = KrylovSpace(factored, self._block)
         certificate: Certificate | None = None
@@ -129,7 +129,6 @@ class EigenSolver:
         ends = np.cumsum([block.shape[1] for block in right_sides])
         image: Block | None
         image, noisy, static = np.split(factored.solve(np.hstack(right_sides)), ends[:2], axis=1)
-
         rounds = looked = n_accurate = 0
         while space.size <= SEARCH.most + SEARCH.most_for_a_mode * max(number, n_accurate):
             if not space.invariant:
@@ -146,28 +145,49 @@ class EigenSolver:
             n_accurate = int(np.argmax(open_)) if np.any(open_) else len(open_)
             eigenvalues = 1.0 / inverses[:n_accurate]
             end = cluster(eigenvalues, number)[1] if n_accurate > number else n_accurate
-
             holds = None if certificate else False
             if certificate and end < n_accurate:
                 limit = 1.0 / below_following(eigenvalues, end)
                 holds = self.elasticity.decided(certificate.holds(limit, end))
             if holds or end == self.freedoms:
                 fields = space.image_of(vectors[:, :n_accurate])
-                del space, certificate, image, noisy, right_sides  # larger than the modes
-                fields, mass_fields = self._normalized(factored, fields)
-                return LowestModes(eigenvalues, fields, mass_fields, static)
-
+                del space, certificate, image, noisy, right_sides  # larger than what is found
+                fields, masses = self._normalized(factored, fields)
+                return eigenvalues, fields, masses, cluster(eigenvalues, number), static
             if space.invariant or (end < n_accurate and holds is False):
                 if rounds:
                     noisy = factored.solve(noise(factored, self._clamped, rounds))
                 certificate = Certificate(space, noisy)
                 rounds += 1
                 if space.invariant and end == n_accurate:
-                    break  # there are no other modes
-        raise RuntimeError(
-            f"reduction: {number} normal modes did not converge among {space.size} fields; the "
-            "mesh may be too coarse for so many modes, or the design may have fallen apart"
+                    return None  # there is nothing else
+        return None
+
+    def _search(
+        self, factored: FactoredBody, start: Block, number: int, deflated: Block | None = None
+    ) -> tuple[Array, Block]:
+        """At least ``number`` lowest eigenpairs in the complement of known modes, by SLEPc."""
+        if number < 1:
+            return np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
+        mass, solver = factored.clamped.mass, factored.clamped.solver
+        if isinstance(solver, MultigridSolver):
+            have = 0 if deflated is None else deflated.shape[1]
+            width = min(number + SEARCH.guards, self.freedoms - have)
+            starts = np.hstack([self._scattered(have + k) for k in range(width)])
+            return solver.modes(mass, number, starts, deflated)
+        eigenvalues, fields = lowest_eigenpairs(
+            factored.clamped.stiffness,
+            mass,
+            number,
+            starts=start,
+            known=deflated,
+            inverse=factored.solve,
+            tolerance=self.tolerance,
         )
+        # In void and in clamped rows there is no mass, and round-off grows there without bound as
+        # modes become many. K^-1 M only scales an eigenvector, and takes that away.
+        fields = factored.solve(self.elasticity.apply(mass, fields))
+        return eigenvalues, self._normalized(factored, fields)[0]
 
     def _normalized(self, factored: FactoredBody, fields: Block) -> tuple[Block, Block]:
         """Fields with zeros in clamped rows, and of modal mass one, and M times them."""
@@ -186,11 +206,6 @@ class EigenSolver:
         # bases of repeated eigenvalues are arbitrary: all ranks must take the same
         eigenvalues, vectors = self.elasticity.decided(pairs)
         return eigenvalues, fields @ vectors
-
-    def _scattered_block(self, first: int, number: int) -> Block:
-        """Starts for a ``number`` of modes after the ``first`` ones, and some guards."""
-        width = min(number + SEARCH.guards, self.freedoms - first)
-        return np.hstack([self._scattered(first + k) for k in range(width)])
 
     def _scattered(self, number: int) -> Block:
         """A field of noise: the fractions of large numbers, others for each number."""

@@ -25,7 +25,7 @@ class Struts:
     along itself, and its mass moves linearly from end to end.
 
     Args:
-        elasticity: Of the body.
+        elasticity: Elasticity of the body.
         matrices: At full density.
         pairs: Fields by which psi changes.
         basis: The shape functions.
@@ -75,7 +75,7 @@ class Struts:
         Args:
             points: The nearest nodes to these can be ends, shape (points, 2) [m].
             ends: Numbers of the two points of each strut, shape (struts, 2).
-            width: Of the struts [m].
+            width: Width of the struts [m].
         """
         nodes = self._elasticity.coordinates().reshape(-1, 1)
         fields = *self._pairs, self._normal, nodes

@@ -2,7 +2,7 @@
 """The entries of summary.json that a report of a run uses.
 
 All keys are optional to the report, which says what it misses. Numbers are in SI units, relative
-errors are shares (0.01 is one percent), and None stands for what is not known.
+errors are shares (0.01 is one percent), and None stands for unknown values.
 
 | key | |
 |---|---|

@@ -87,7 +87,7 @@ def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = F
 
 
 def check(file: Path, *, output: Path | None) -> int:
-    """Simulate the full bodies of a scene file, draw it, and say what is to be expected."""
+    """Simulate the full bodies of a scene file, draw the scene, and estimate the design's time."""
     scene = read_scene(file)
     folder = _folder(scene, output)
     with _plain_warnings():

@@ -9,7 +9,8 @@ from typing import Any
 from .. import design, dynamics, fem, mechanism, objective, optimization, reduction
 from ..body import BodyMarker, VolumeIntegrals
 
-#: By the name of the class that an argument needs. A new joint, force or objective needs its line.
+#: By the name of the class that an argument needs. A new joint, force, objective or design is
+#: entered here.
 KINDS: dict[str, tuple[Callable[..., Any], ...]] = {
     # bodies
     "FlexibleBody": (reduction.FlexibleBody,),

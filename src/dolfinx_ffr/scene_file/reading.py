@@ -254,7 +254,7 @@ class Reader:
         tuples = [typing.get_args(o) for o in options if typing.get_origin(o) is tuple]
         fitting = [t for t in tuples if t[1:] == (...,) or len(t) == len(raw)]
         if fitting:
-            # of pairs of texts and of numbers that which begins alike
+            # choose the kind of pair, texts or numbers, by the first entry
             entry = raw[0] if raw else 0.0
             texts = isinstance(entry, str) and not _QUANTITY.fullmatch(entry.strip())
             chosen = next((t for t in fitting if (t[0] is str) == texts), fitting[0])

@@ -34,7 +34,7 @@ _GIVEN = ("problem", "design", "output", "resume", "progress", "callback")
 
 @dataclass(frozen=True)
 class Scene:
-    """A checked scene, of which nothing is made yet."""
+    """A checked scene whose objects are not made yet."""
 
     file: Path
     title: str
@@ -66,7 +66,7 @@ class Scene:
 
 
 def read_scene(file: Path) -> Scene:
-    """The scene of a file; a SceneError says what is wrong in it, and where."""
+    """The scene of a file; a SceneError names the error and its place."""
     try:
         return _Tables(file, tomllib.loads(_text_of(file))).scene()
     except tomllib.TOMLDecodeError as error:

@@ -2,7 +2,7 @@
 """Steps that follow from a tolerance, for either time integration.
 
 The error of a trajectory is judged by a second one with steps twice as long: their difference is
-three times the error of a second-order method and 31 times that of a fifth-order one, while
+three times the error of a second-order method and 31 times the error of a fifth-order one, while
 vibrations that no step resolves make it about as large as the error. It is taken as it is, on the
 safe side.
 """

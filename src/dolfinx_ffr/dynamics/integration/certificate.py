@@ -8,7 +8,7 @@ prescribed motions (`load_steps`). In a machine without damping the trapezoidal 
 trusted, once three of its trajectories agree, as there only the other method damps vibrations.
 
 Where equal steps do not come to an agreement, as a motion is fast for a short time, both follow
-graded steps: those of an adaptive run, each divided by the same number.
+graded steps: the steps of an adaptive run, each divided by the same number.
 
 None of the mechanisms stands for another. The search of jumps (`load_steps`) finds a blow of a
 millisecond between the instants of all methods, which then agree that nothing happens. Radau IIA
@@ -40,11 +40,11 @@ Judge = Callable[[Trajectory], Array]
 
 @dataclass(frozen=True)
 class ChoiceOptions:
-    """How accurate numbers are looked for, and the cheapest steps that reach them."""
+    """Options of the search for accurate numbers and for the cheapest steps that reach them."""
 
-    #: Time of a step of Radau IIA and its adjoint over that of generalised alpha: 5.7 to 8.6 were
-    #: measured with 4 to 80 normal modes. A number, so that the choice does not depend on the
-    #: machine.
+    #: Time of a step of Radau IIA and its adjoint over the time of a step of generalised alpha: 5.7
+    #: to 8.6 were measured with 4 to 80 normal modes. It is a constant, so that the choice does not
+    #: depend on the machine.
     cost: int = 6
     #: Steps of the trapezoidal rule for one of Radau IIA, which then take about the same time.
     trapezoidal_steps: int = 4
@@ -64,7 +64,7 @@ class ChoiceOptions:
 
     @property
     def cost_of_both(self) -> int:
-        """Time of a step of Radau IIA and of those of the trapezoidal rule beside it."""
+        """Time of a step of Radau IIA and of the steps of the trapezoidal rule beside it."""
         return self.cost + self.trapezoidal_steps
 
 
@@ -109,7 +109,7 @@ def certified(
     """
 
     def enough(values: Array) -> float:
-        """The error of values that is small enough, beside that of the same numbers `near` them."""
+        """The admissible error of values, given the estimates `near` them."""
         return max(tolerance, 0.0 if near is None else CHOICE.near * relative_change(values, near))
 
     equal: Certificate | None = None
@@ -142,7 +142,7 @@ def certified(
 
 
 def graded_cells(run: Run, cells: LoadSteps) -> LoadSteps | None:
-    """The steps of an adaptive run as cells; None where equal ones would be about as good.
+    """The steps of an adaptive run as cells; None where equal steps would be about as good.
 
     Its tolerance is the loosest, as each cell is divided afterwards.
     """

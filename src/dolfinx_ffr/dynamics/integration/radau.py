@@ -372,7 +372,7 @@ class _Rows:
                 **{name: np.zeros(n) for name in ("reference", "weight")},
                 "sizes": np.zeros(4),
                 "brief": np.zeros(1),
-                "kept": np.zeros(2),
+                "factor_state": np.zeros(2),
                 "mass": np.zeros((n, n)),
             }
         return Stages(
@@ -421,7 +421,7 @@ class _March:
             "sizes": self.norms,
             "brief": np.full(1, brief),
             "reference": start.y[0],
-            "kept": np.zeros(2),
+            "factor_state": np.zeros(2),
             "weight": np.zeros(model.size),
             "mass": np.zeros((model.size, model.size)),
         }
@@ -431,7 +431,7 @@ class _March:
     def begin_anew(self) -> None:
         """Go back to the start, with the norms that have been found."""
         self.stretches = [self.start]
-        for name in ("kept", "weight", "mass"):
+        for name in ("factor_state", "weight", "mass"):
             self.state[name][:] = 0.0
 
     @property

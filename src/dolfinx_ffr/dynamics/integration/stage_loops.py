@@ -27,10 +27,10 @@ from .stages import (
 from .start import CONVERGED, DIVERGED, SINGULAR
 from .steps import MAX_ITERATIONS, StepBars, pushed, times_transposed
 
-#: Outcome of the loop, beside those of start.py: the error of a step is too large.
+#: Outcome of the loop, in addition to the outcomes in start.py: the error of a step is too large.
 REJECTED = 3
 
-#: Exponent of the limit of errors for those of multipliers, which are of order 3 and not of 4.
+#: Exponent of the limit of the errors of multipliers, which are of order 3 and not of order 4.
 OF_FORCES = 3.0 / 4.0
 
 
@@ -75,9 +75,10 @@ OPTIONS = StageOptions()
 def solved(
     iteration: int, fresh: bool, change: float, ratio: float, largest: float, round_off: float
 ) -> bool:
-    """Whether Newton's method is done after a correction, `ratio` times the one before.
+    """Whether Newton's method has converged after a correction.
 
-    `fresh` tells whether the factors are of this step.
+    The correction has the size `change` and is `ratio` times the one before; `fresh` factors belong
+    to this step.
     """
     if change <= OPTIONS.negligible * largest + OPTIONS.round_off * round_off:
         return True
@@ -138,15 +139,15 @@ def iterate(
     n, rows, at, weight, rhs = eq.r.size, eq.value.size, 3 * k + 1, stages.weight, system.rhs
     size = n + 2 * rows
     previous, fresh = 0.0, False
-    stages.kept[1] = 1.0
+    stages.factor_state[1] = 1.0
     for iteration in range(MAX_ITERATIONS):
         stage_states(eq, stages, at, h, h * h)
         if renew:
             stage_jacobian(eq, stages, system, at, h)
             if not lu_factor(system, 3 * size):
-                stages.kept[0] = 0.0
+                stages.factor_state[0] = 0.0
                 return SINGULAR
-            stages.kept[0], fresh = h, True
+            stages.factor_state[0], fresh = h, True
         stage_residual(eq, stages, system, at, h)
         lu_solve(system, 3 * size)
         change = largest = round_off = 0.0
@@ -175,7 +176,7 @@ def iterate(
             return DIVERGED
         renew = iteration > 0 and ratio > OPTIONS.slow
         if iteration > 0 and ratio > OPTIONS.steady:
-            stages.kept[1] = 0.0
+            stages.factor_state[1] = 0.0
         previous = change
     return DIVERGED
 
@@ -223,7 +224,7 @@ def judge(
 def retract_stages(eq: Equations, stages: Stages, at: int) -> None:
     """Change rows at, at + 1, at + 2 from coordinates within the step to those between steps.
 
-    The angles whose turns are counted are kept with them.
+    The angles with counted turns are stored, too.
     """
     if eq.kinematics[5] != 0:
         for i in range(3):
@@ -258,7 +259,10 @@ def march(
         status = DIVERGED
         # Factors of steps before may do. Where the polynomial is far off, the accelerations of
         # the start may.
-        if stages.kept[1] >= 1.0 and abs(h - stages.kept[0]) <= OPTIONS.same_length * h:
+        if (
+            stages.factor_state[1] >= 1.0
+            and abs(h - stages.factor_state[0]) <= OPTIONS.same_length * h
+        ):
             predict(eq, stages, at, h, before)
             status = iterate(eq, stages, system, k, h, False)
         if status != CONVERGED:

@@ -87,16 +87,16 @@ class Stages(NamedTuple):
     iterations: IntVector  # (steps,) Newton iterations
     last: IntVector  # (1,) number of good steps, or instant whose transpose is singular
     errors: Matrix  # (steps, 4) norms of the errors of the steps
-    sizes: Vector  # (4,) largest norms of the motion so far, kept up to date
+    sizes: Vector  # (4,) largest norms of the motion so far, updated
     brief: Vector  # (1,) length below which a step is the less judged by its multipliers [s]
     reference: Vector  # (n,) coordinates at the start of the motion
     w_before: Matrix  # (3, n) accelerations of the step before the first one
     lam_before: Matrix  # (3, rows) and multipliers
-    #: (2,) length of the step for which the factors of the system were made, zero if there are
-    #: none, and whether they do for other steps; kept up to date
-    kept: Vector
-    weight: Vector  # (n,) weights of corrections of accelerations, kept up to date
-    mass: Matrix  # (n, n) kept up to date
+    #: (2,) length of the step for which the system was factored, zero if it was not, and one if
+    #: the factors may serve other steps; updated
+    factor_state: Vector
+    weight: Vector  # (n,) weights of corrections of accelerations, updated
+    mass: Matrix  # (n, n) updated
 
 
 @kernel

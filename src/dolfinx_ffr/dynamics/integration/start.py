@@ -45,7 +45,7 @@ def set_units(eq: Equations, system: LinearSystem, cy: float) -> None:
 
 @kernel
 def unit_of_row(eq: Equations, unit: Vector, c: int) -> float:
-    """Unit of the multiplier of a row, from those of the coordinates."""
+    """Unit of the multiplier of a row, from the units of the coordinates."""
     reach = 0.0
     for i in range(eq.r.size):
         reach = max(reach, abs(eq.C[c, i]) * unit[i])

@@ -132,14 +132,14 @@ class TimeInterval:
         damped: bool,
         present: Trajectory | None = None,
     ) -> StepChoice:
-        """The cheapest method with the steps that the tolerance takes.
+        """The cheapest method and number of steps that meet the tolerance.
 
         Args:
             run: Simulates with a method.
-            judge: The numbers that are asked for, of a trajectory.
+            judge: Computes the objective and the constraints of a trajectory.
             cells: Steps that resolve loads and prescribed motions.
             damped: Whether anything in the machine damps vibrations.
-            present: A trajectory whose method is kept if it meets the tolerance.
+            present: A trajectory whose method and steps are reused if they meet the tolerance.
         """
         start, tolerance = perf_counter(), self.tolerance
         exact = certified(run, judge, cells, CHOICE.share_of_certificate * tolerance, damped=damped)

@@ -3,8 +3,8 @@
 
 The kernels for vectors, rows and forces are written once for d = 2 and 3, d being a constant when
 they are compiled. Bodies turn by an angle in the plane and by rotation matrices in space, with
-their angular velocities in their own axes, see group.py: what is not alike is a kernel or a method
-of both classes of arrays, PlaneArrays (plane.py) and SpaceArrays (space.py).
+angular velocities in the bodies' axes, see group.py. Code that differs between plane and space is a
+kernel or a method of both classes of arrays, PlaneArrays (plane.py) and SpaceArrays (space.py).
 """
 
 from __future__ import annotations

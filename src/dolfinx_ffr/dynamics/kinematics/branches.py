@@ -56,8 +56,9 @@ def _signs(model: ModelArrays, rows: slice, vectors: Array) -> Iterator[tuple[in
 def tilts(model: ModelArrays, y: Array) -> Array:
     """Largest sine of the angle by which the axis of each row tilts, shape (rows and springs,).
 
-    Of the springs of a bushing about an axis it is that of their angle; of rows other than these,
-    angles about an axis, couplings and gears it is zero. Coordinates y are of shape (instants, n).
+    For a spring of a bushing about an axis it is the sine of the spring's angle. It is zero for all
+    other rows except angles about an axis, couplings and gears. Coordinates y are of shape
+    (instants, n).
     """
     out, springs = np.zeros(model.kind.size), constraints(model)
     instants = np.unique(np.linspace(0, len(y) - 1, _LOOKS).astype(int))

@@ -15,26 +15,26 @@ linear in the reference position X,
 
     u2 = sum_m c_m(q) psi_m,    c_m = 1/2 q . C_m q,    psi_m = X_l e_k,    C = Gamma^-1 K,
 
-with Gamma the Gram matrix int rho psi_m . psi_n. In the plane, where the loads of rotation are
-those of omega^2 and alpha alone, the fields are e_x, e_y, X and J X. A load that is not modelled
-counts with a geometric stiffness of zero. A point mass at a marker that has geometric stiffness
-counts in all of these integrals.
+with Gamma the Gram matrix int rho psi_m . psi_n. In the plane, where only omega^2 and alpha give
+loads of rotation, the fields are e_x, e_y, X and J X. A load that is not modelled counts with a
+geometric stiffness of zero. A point mass at a marker that has geometric stiffness counts in all of
+these integrals.
 
 So the fields psi are shape functions whose coordinates c follow q. With E = [1, D], where D_mj is
 (C_m q)_j, the forces are
 
     r_j = r~_j + sum_m D_mj r~_m
 
-with r~ those of a body in which q and c are free, and the mass matrix is E^T M~ E. It is symmetric,
-and positive for deformations of any size, since it is that of a field. Without that no frame of
-reference would do that turns with an end of the body: there rotations of the frame and fast modes
-nearly cancel, and a mass matrix cut off at the second order of q becomes indefinite. Energy and
-momenta are kept as by any body. To first order in q the elastic forces gain K_f q of the loads f of
+with r~ the forces of a body in which q and c are free, and the mass matrix is E^T M~ E. This matrix
+is symmetric, and positive for deformations of any size, since it is the mass matrix of a field. A
+mass matrix cut off at the second order of q would become indefinite for a frame that turns with an
+end of the body, where rotations of the frame and fast modes nearly cancel. Energy and momenta are
+conserved as for any body. To first order in q the elastic forces gain K_f q of the loads f of
 inertia.
 
-What is left out is the part of u2 that has no share in rigid and uniform motions of the body. Its
-inertia would add terms of third order to the kinetic energy, int rho phi_i . u2' q_i': of the
-relative size of the slopes of the deformation, beside the inertia of the deformation itself.
+The part of u2 that has no share in rigid and uniform motions of the body is neglected. Its inertia
+would add terms of third order to the kinetic energy, int rho phi_i . u2' q_i': of the relative size
+of the slopes of the deformation, beside the inertia of the deformation itself.
 """
 
 from __future__ import annotations

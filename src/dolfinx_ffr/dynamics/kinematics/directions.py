@@ -6,7 +6,7 @@ Omega = u . v, a direction s turns by exactly this angle,
 
     s' = Omega J s,    s'' = (u . w) J s - Omega^2 s,    L = J s u^T.
 
-A spin is the angle itself, (phi, 0), of which moments and rows of angles are made: L = e_x u^T.
+A spin is the angle itself, (phi, 0), with L = e_x u^T; moments and rows of angles use it.
 """
 
 from __future__ import annotations

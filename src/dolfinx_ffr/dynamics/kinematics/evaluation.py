@@ -99,7 +99,7 @@ def apply_inverse(model: Arrays, x: Vector, out: Vector) -> None:
 
 
 def measure(eq: Equations, model: Arrays, work: Work) -> int:
-    """Sizes of y - reference and v by mass, and of the elastic part by energy; largest turn."""
+    """Norms of y - reference, v (by mass) and elastic part (by energy); the largest rotation."""
     y, v, sizes, reference = eq.y, eq.v, eq.sizes, eq.reference
     for i in range(4):
         sizes[i] = 0.0
@@ -123,7 +123,7 @@ def measure(eq: Equations, model: Arrays, work: Work) -> int:
 
 @compiled(Equations, SpaceArrays, Work, int, int)
 def chart(eq: Equations, model: SpaceArrays, work: Work, instant: int, what: int) -> int:
-    """Change between coordinates within a step and those between steps; see equations.py."""
+    """Change between coordinates within a step and between steps; see equations.py."""
     y, base, matrix, bar = eq.y, eq.base, work.small[0], eq.y_bar
     for b in range(model.first.size):
         i = model.first[b] + 3
@@ -147,7 +147,7 @@ def chart(eq: Equations, model: SpaceArrays, work: Work, instant: int, what: int
 
 @kernel
 def count(work: Work, instant: int, what: int) -> None:
-    """Keep the angles of rows at an instant, or count from those that were kept."""
+    """Store the angles of rows at an instant, or count from the stored angles."""
     if what == equations.COMPOSE:
         for row in range(work.turns.shape[1]):
             for k in range(2):
@@ -170,9 +170,9 @@ def _functions(kind: type[Arrays]) -> Iterator[Compiled]:
     """Functions of the plane or of space, under names of their own, as Numba keeps them by name."""
     for function, numbers in ((evaluate, (int, float, int)), (pullback, (int, int)), (measure, ())):
         name = f"{function.__name__}_{kind.__name__}"
-        own = FunctionType(function.__code__, function.__globals__, name)
-        own.__qualname__ = name
-        yield Compiled(own, Equations, kind, Work, *numbers)
+        renamed = FunctionType(function.__code__, function.__globals__, name)
+        renamed.__qualname__ = name
+        yield Compiled(renamed, Equations, kind, Work, *numbers)
 
 
 #: Functions evaluate, pullback, measure and chart, and in space turn_stages, by dimension.

@@ -30,7 +30,7 @@ class Kinematics:
     def __init__(self, model: ModelArrays, turns: Array | None = None) -> None:
         """Make work arrays for flat arrays, which must stay as they are.
 
-        Where there are no angles that count turns over time, see :meth:`turns`, they are those at
+        The counted angles begin with ``turns``, see :meth:`turns`, by default with the angles at
         the start.
         """
         self.model, self.work = model, work_arrays(model)
@@ -43,22 +43,22 @@ class Kinematics:
         turning = model.turning
         addresses += [f.address for f in charts if turning or self.work.turns.size]
         addresses += [0] * (7 - len(addresses))
-        #: State at one instant, and what the equations of motion are there.
+        #: State and equations of motion at one instant.
         self.equations = equations(size(model), constraints(model), tuple(addresses), turning)
-        # The round-off of a position is that of the lengths that a joint adds up there: it does not
-        # vanish where a body stands at the origin.
+        # The round-off of a position follows from the lengths that a joint adds up: it does not
+        # vanish for a body at the origin.
         for first in model.first:
             self.equations.floor[first : first + model.d] = model.reach[0]
         for place in turning:
-            # The round-off of a rotation is that of its matrix, whose entries are up to one.
+            # The round-off of a rotation follows from its matrix, whose entries are up to one.
             self.equations.floor[place : place + 3] = 1.0
-        #: The same for compiled functions.
+        #: The equations of motion as a table for compiled functions.
         self.table = Table(self.equations)
 
     def set_tables(self, tables: dict[str, Array], turns: Array) -> None:
-        """Put other tables, of no more instants, in the place of those that were given.
+        """Overwrite the model's tables by name; new ``tables`` have at most as many instants.
 
-        Angles over time begin with turns, as :meth:`turns` gives them.
+        The counted angles (rows and springs, 2) start from ``turns``, see :meth:`turns`.
         """
         for name, table in tables.items():
             getattr(self.model, name)[: len(table)] = table

@@ -38,7 +38,7 @@ class _Entry:
     source: Row | SpringRow
     #: Name of the joint or the force.
     label: str
-    #: Angle of the vectors less that of the markers [rad].
+    #: Angle of the vectors minus the angle of the markers [rad].
     offset: float = 0.0
 
     def tabulate(self, instants: Array) -> Array:
@@ -167,14 +167,14 @@ class Lowering:
         return np.einsum("k,tdki->tdi", vector.components, table[:, :, 1:, : self.d])
 
     def _own_row(self, row: Row, user: str) -> tuple[Row, float]:
-        """A row as the kernels take it, and the angle of its vectors less that of the markers."""
+        """A row as the kernels take it, and the angle of its vectors minus the markers' angle."""
         return row, 0.0
 
     def _check_load(self, load: Load, user: str) -> None:
         """Refuse a load that does not exist."""
 
     def _components(self, load: Load, instants: Array, label: str) -> Array:
-        """Components of a load over time, (instants, 3), of which the first d count."""
+        """Components of a load over time, (instants, 3); only the first d are used."""
         return load.tabulate(instants, label)
 
     def _set_shapes(self, vector: BodyVector, point: BodyMarker, shapes: Array) -> None:

@@ -25,7 +25,7 @@ _IN_PLANE = {
     RowKind.GEAR: (_DIRECTION,) * 6,
     RowKind.MESH: (_DIRECTION, _DIRECTION, _POINT, _POINT, _DIRECTION, _DIRECTION),
 }
-#: Angle that directions have by round-off beyond that of the start [rad].
+#: Largest difference by round-off of an angle of directions from the angle at the start [rad].
 _ROUND_OFF = 1e-12
 
 
@@ -66,8 +66,9 @@ class PlaneLowering(Lowering):
             return
         if not is_zero(z):
             raise ValueError(f"{user}: there is no axis z in the plane")
-        own = all(same(axis.marker, marker) for axis in load.axes)
-        if load.axes and not (own and np.array_equal([e.components for e in load.axes], np.eye(3))):
+        on_marker = all(same(axis.marker, marker) for axis in load.axes)
+        components = [axis.components for axis in load.axes]
+        if load.axes and not (on_marker and np.array_equal(components, np.eye(3))):
             raise ValueError(f"{user}: in the plane the axes of a force are those of its marker")
 
     def _own_row(self, row: Row, user: str) -> tuple[Row, float]:
@@ -86,8 +87,8 @@ class PlaneLowering(Lowering):
             markers = [vectors[0].marker, vectors[3].marker]
             if not isinstance(housing, Ground):
                 markers.append(housing)
-            for own, factor in zip(halves, (1.0, -row.ratio), strict=True):
-                offset += factor * self._offset(own, 0.0, user)
+            for half, factor in zip(halves, (1.0, -row.ratio), strict=True):
+                offset += factor * self._offset(half, 0.0, user)
                 if isinstance(housing, Ground):
                     offset -= factor * housing.angle
             return _difference_of_spins(row, *markers), offset
@@ -104,7 +105,7 @@ class PlaneLowering(Lowering):
         return row, 0.0
 
     def _own_mesh(self, row: Row) -> tuple[Row, float]:
-        """Spins and centres of two wheels, and the value of the row less that of the kernels.
+        """Spins and centres of two wheels, and the value of the row minus the kernels' value.
 
         Angles count from the line of centres, whose own turn counts from the x axis.
         """
@@ -121,22 +122,22 @@ class PlaneLowering(Lowering):
         return replace(row, vectors=(*spins, *centres), start_angle=line), offset
 
     def _offset(self, vectors: Sequence[BodyVector], start: float, user: str) -> float:
-        """Angle of three vectors less that of their markers, with the start's full turns [rad]."""
-        own, first, second = vectors
+        """Angle of three vectors minus their markers' angle, with the start's full turns [rad]."""
+        direction, first, second = vectors
         (x, y, _), (p, q, _), (r, s, _) = (vector.components for vector in vectors)
         upright = not any(vector.components[2] for vector in vectors)
         if not (upright and same(first.marker, second.marker) and p * s > q * r):
             raise ValueError(
                 f"{user}: in the plane angles count about the axis (0, 0, 1); give this one"
             )
-        turns = start - self.undeformed.twist(own.marker, first.marker, (0.0, 0.0, 1.0))
+        turns = start - self.undeformed.twist(direction.marker, first.marker, (0.0, 0.0, 1.0))
         angle = math.atan2(y, x) - math.atan2(q, p)
-        more = math.remainder(angle - turns, 2.0 * math.pi)
-        return turns if abs(more) < _ROUND_OFF else turns + more
+        difference = math.remainder(angle - turns, 2.0 * math.pi)
+        return turns if abs(difference) < _ROUND_OFF else turns + difference
 
 
 def _difference_of_spins(row: Row, *markers: Marker) -> Row:
-    """A row that counts the angle of a marker less ratio times that of another.
+    """A row that counts the angle of a marker minus ratio times the angle of another marker.
 
     Both are against a third marker, where there is one.
     """

@@ -44,7 +44,8 @@ def length_of(model: ModelArrays) -> float:
 def largest_length(model: ModelArrays) -> float:
     """Largest length that constraints add up at the first instant [m].
 
-    It is that of an arm of a marker, a prescribed position, a distance or a way along a line.
+    These lengths are arms of markers, prescribed positions, distances and displacements along
+    lines.
     """
     of_point, ours = model.vector_kind == OF_POINT, model.vector_body >= 0
     arms = np.linalg.norm(model.shapes[of_point & ours, :, 0], axis=-1)

@@ -82,7 +82,7 @@ def carried_bars(model: Arrays, body: int, bar: VolumeIntegrals, carried: Array)
 def set_moments(
     out: dict[str, Array], b: int, integrals: VolumeIntegrals, stiffening: Array | None
 ) -> Array:
-    """Set the moments of body b among those of all bodies; its inertia, (1, 1).
+    """Set the moments of body b in the arrays of all bodies; return its inertia, (1, 1).
 
     out has arrays of zeros by name of the field of ModelArrays; the stiffening, where there is any,
     is of shape (4, modes, modes).

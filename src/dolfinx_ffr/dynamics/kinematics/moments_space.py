@@ -36,7 +36,7 @@ def with_carried_fields(mass: float, S: Array, P: Array) -> tuple[Array, Array]:
 
 
 def _gram(mass: float, S: Array, P: Array) -> Array:
-    """Q, shape (4, 4), of which P is P_00."""
+    """The matrix Q, shape (4, 4), of the block P = P_00."""
     return np.block([[np.array([[mass]]), S[:1]], [S[:1].T, P]])
 
 
@@ -92,7 +92,7 @@ def carried_bars(model: Arrays, body: int, bar: VolumeIntegrals, carried: Array)
 def set_moments(
     out: dict[str, Array], b: int, integrals: VolumeIntegrals, stiffening: Array | None
 ) -> Array:
-    """Set the moments of body b among those of all bodies; its inertia, (3, 3).
+    """Set the moments of body b in the arrays of all bodies; return its inertia, (3, 3).
 
     out has arrays of zeros by name of the field of ModelArrays; the stiffening, where there is any,
     is of shape (12, modes, modes).

@@ -129,13 +129,13 @@ def motion_of_marker(
         return marker, (y, v, w), marker_motion(IN_SPACE, marker, y, v, w)
     columns = columns_in_space(y.shape[1])
 
-    def embedded(part: Array) -> Array:
-        found = np.zeros((len(part), part.shape[1] + 3))
-        found[:, columns] = part
-        return found
+    def embedded(in_plane: Array) -> Array:
+        in_space = np.zeros((len(in_plane), in_plane.shape[1] + 3))
+        in_space[:, columns] = in_plane
+        return in_space
 
-    def padded(part: Array) -> Array:
-        return np.concatenate([part, np.zeros((1, *part.shape[1:]))])
+    def padded(in_plane: Array) -> Array:
+        return np.concatenate([in_plane, np.zeros((1, *in_plane.shape[1:]))])
 
     T = marker.stiffening
     marker = BodyMarker(
@@ -153,8 +153,8 @@ def motion_of_marker(
     A[:, 1, 0] = np.sin(angle)
     A[:, 0, 1], A[:, 2, 2] = -A[:, 1, 0], 1.0
     position, velocity, acceleration = (
-        part[:, :3] + np.einsum("tij,tj->ti", A, local)
-        for part, local in zip(state, (motion.c, motion.c1, motion.c2), strict=True)
+        of_frame[:, :3] + np.einsum("tij,tj->ti", A, local)
+        for of_frame, local in zip(state, (motion.c, motion.c1, motion.c2), strict=True)
     )
     motion = motion._replace(position=position, velocity=velocity, acceleration=acceleration, A=A)
     return marker, state, motion

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Rows: functions of vectors, of which joints are constraints and springs have laws.
+"""Rows: scalar functions of vectors that are the constraints of joints or the lengths of springs.
 
-A row is a scalar g(s_1, s_2, ...) of vectors; a new kind needs no more than its value and its first
-three derivatives (``row_gradient``, ``row_hessian``, ``row_third``). A spring with stiffness k and
-damping d is a row whose multiplier is k (g - c(t)) + d g'.
+A row is a scalar g(s_1, s_2, ...) of vectors; a new kind needs its value and its first three
+derivatives (``row_gradient``, ``row_hessian``, ``row_third``), the derivatives by its normal and
+ratio (``rows_pullback``) where it uses these, and its vectors in the plane (lowering_plane.py). A
+spring with stiffness k and damping d is a row whose multiplier is k (g - c(t)) + d g'.
 
 ANGLE, GEAR and MESH are sums of Re(f log z), z = x . (one + i two): an angle, the imaginary part of
-log z, of a vector x against two directions has the factor -i. GEAR has two angles. MESH has those
-of its two wheels and the logarithm of the line between their centres, from which both are counted;
-in the plane its wheels are spins, and the line alone has a logarithm. Other angles of the plane are
-rows POINT of spins, see lowering.py.
+log z, of a vector x against two directions has the factor -i. GEAR has two angles. MESH has the
+angles of its two wheels and the logarithm of the line between their centres, from which both angles
+are counted; in the plane its wheels are spins, and the line alone has a logarithm. Other angles of
+the plane are rows POINT of spins, see lowering_plane.py.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from .vectors import place_vectors, pull, pull_velocity, vector_accelerations
 
 #: A turn [rad].
 TURN = 2.0 * math.pi
-#: Number of the logarithm of the line of a row MESH, after those of its angles.
+#: Number of the logarithm of the line of a row MESH, after the logarithms of its angles.
 LINE = 2
 
 
@@ -69,9 +70,9 @@ def factors_of(model: Arrays, i: int) -> tuple[float, float, float]:
 def log_term(
     model: Arrays, i: int, which: int, factors: tuple[float, float, float]
 ) -> tuple[int, int, int, complex]:
-    """Places of x, of what is taken from it and of the first direction in a row; the factor f.
+    """Places in a row of x, of the vector subtracted from it and of the first direction; factor f.
 
-    Places are -1 where nothing is taken from x, and where the directions are the axes of the plane.
+    A place is -1 where no vector is subtracted, and where the directions are the axes of the plane.
     """
     first, second, radial = factors
     factor = complex(0.0, -first if which == 0 else -second)
@@ -92,7 +93,7 @@ def log_vectors(
     unit: float,
     slot: int,
 ) -> tuple[Vector, Vector, Vector]:
-    """Vectors x, one and two of a logarithm from values of those of the row, side by side.
+    """Vectors x, one and two of a logarithm, from the ``values`` of all vectors of the row.
 
     Axes of the plane have this unit, zero for changes. Slots are of work.vectors, three each.
     """
@@ -116,7 +117,7 @@ def add_log(
     changes: tuple[Vector, Vector, Vector],
     out: Vector,
 ) -> None:
-    """Add the gradient of Re(by_z z + by_rate z'), z' being the change of z by those of vectors."""
+    """Add the gradient of Re(by_z z + by_rate z'); z' is the change of z by ``changes``."""
     (at, origin, one, _), (x, a, b), (ux, ua, ub), d = term, vectors, changes, model.d
     for j in range(d):
         share = (by_z * complex(a[j], b[j]) + by_rate * complex(ua[j], ub[j])).real
@@ -172,7 +173,7 @@ def add_logs(
 ) -> None:
     """Add the Hessian times u of a row of logarithms, or the gradient of u . Hessian u at fixed u.
 
-    The latter is that of Re(f (z'' / z - z'^2 / z^2)).
+    The latter is the gradient of Re(f (z'' / z - z'^2 / z^2)).
     """
     begin, end = logs_of(model, i)
     gather(model, i, work.s, work.places)

@@ -79,7 +79,7 @@ class SpaceArrays(Arrays):
     def integrals(
         mass: float, S: Array, P: Array, K: Array, markers: dict[str, BodyMarker]
     ) -> VolumeIntegrals:
-        """Derivatives with respect to integrals, of which P is to be made symmetric."""
+        """Derivatives with respect to the volume integrals, with a symmetric P."""
         P = 0.5 * (P + P.transpose(1, 0, 3, 2))
         return VolumeIntegrals.in_space(mass, S, P, K, markers)
 
