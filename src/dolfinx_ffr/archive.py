@@ -29,7 +29,7 @@ _HEADS: dict[tuple[int, int], Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Head:
-    """What an archive promises of an array."""
+    """The head of an array in an archive."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How Python and notebooks show a result: by its numbers, as a table."""
+"""Display of results in Python and notebooks, as tables of their numbers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Shown:
     """A result that Python and notebooks show by its numbers, and not by its arrays."""
 
     def _shown(self) -> list[tuple[str, str, str]]:
-        """What there is to tell, in words: quantity, value, and its error or bound or nothing.
+        """Rows of the table, in words: quantity, value, and its error, its bound or nothing.
 
         Of a dataclass all fields, with the shape of arrays and the keys of mappings.
         """

@@ -102,7 +102,7 @@ class BodyMarker(Shown):
         return self.displacement - np.einsum("djk,...k->...dj", self.stiffening, q)
 
     def leading(self, modes: int) -> BodyMarker:
-        """The same point with the first ``modes`` shape functions alone."""
+        """The marker with the first ``modes`` shape functions only."""
         stiffening = None if self.stiffening is None else self.stiffening[:, :modes, :modes]
         shapes = self.displacement[:, :modes], self.rotation[..., :modes]
         return BodyMarker(self.position, *shapes, stiffening, self.axes)

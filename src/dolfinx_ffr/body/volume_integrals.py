@@ -331,7 +331,7 @@ class VolumeIntegrals(Shown):
 
     @property
     def by_key(self) -> dict[str, Any]:
-        """What a file holds of it, arrays by key."""
+        """The arrays of the file by key."""
         points, n, r, d = self.markers.values(), len(self.markers), self.modes, self.dimension
         rotations = np.array([p.rotation for p in points])
         arrays: dict[str, Any] = {

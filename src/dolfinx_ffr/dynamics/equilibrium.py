@@ -26,7 +26,7 @@ from .model import FlatModel, without
 
 @dataclass(frozen=True)
 class EquilibriumOptions:
-    """How an equilibrium is sought."""
+    """Options of the search for an equilibrium."""
 
     most_iterations: int = 300
     longest_step: float = 0.3  #: Longest step, in parts of the mechanism's size and in radians.

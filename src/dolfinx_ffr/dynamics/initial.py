@@ -23,7 +23,7 @@ from .model import FlatModel
 
 @dataclass(frozen=True)
 class AssemblyOptions:
-    """How joints are closed at the start."""
+    """Options for closing the joints at the start."""
 
     most_iterations: int = 100
     #: Joints that stay open by more than this share of the mechanism's size cannot be assembled.

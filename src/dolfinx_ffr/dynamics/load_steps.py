@@ -25,7 +25,7 @@ from .tables import BESIDE_JUMP, TimeTables, once_for_a_mechanism
 
 @dataclass(frozen=True)
 class Sampling:
-    """How densely loads and motions are sampled, and what counts as smooth."""
+    """Options for sampling loads and motions, and limits of smoothness."""
 
     #: Samples of all cells together. A blow that lasts less than a hundred thousandth of the motion
     #: may be missed: it must be named (`Mechanism.jumps`).

@@ -106,7 +106,7 @@ class MechanismBars:
 
 
 class _State(NamedTuple):
-    """What a mechanism says at values of its parameters."""
+    """The model of a mechanism at values of its parameters."""
 
     model: FlatModel
     numbers: Array  #: All of them, see `Numbers`, shape (numbers,)
@@ -127,7 +127,7 @@ def parameter_slopes(trajectory: Trajectory, bars: Sequence[MechanismBars]) -> A
 
 
 def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float]]) -> Array:
-    """The same of numbers of a model, at a fixed trajectory: shape (numbers, parameters).
+    """Derivatives of the model's numbers at a fixed trajectory: shape (numbers, parameters).
 
     Each is a function of the model with other values of the parameters, as the power of a drive
     along a line, whose direction may be a parameter. The result is zero where none changes with
@@ -377,14 +377,14 @@ class _Differences:
         return bool(np.any(_bends(a + b - 2.0 * c, a - b, c, group, count + 2)))
 
     def state(self, shift: Array) -> _State:
-        """What the mechanism says at a shift of its parameters; a shorter one ends in zeros."""
+        """The mechanism's numbers at a shift of its parameters; a shorter shift ends in zeros."""
         mechanism, none = parametric(self.model).shifted(shift), np.zeros(self.model.size)
         model = self.model.stated_by(mechanism, tabulated=False)
         _check_same(self.model, model)
         return _State(model, self.numbers.of(model), none, none)
 
     def started(self, shift: Array) -> _State:
-        """The same with the start."""
+        """The mechanism's numbers including the start."""
         state = self.state(shift)
         depends = self.start is not None and np.any(starts := self._start_numbers)
         if not depends or np.array_equal(
@@ -448,7 +448,7 @@ def without_markers(body: VolumeIntegrals) -> VolumeIntegrals:
 
 
 def _bends(bend: Array, change: Array, values: Array, group: Integers, count: int) -> Mask:
-    """Of each group whether second differences exceed a share of first ones and round-off."""
+    """Mask of groups whose second differences exceed a share of first ones and round-off."""
 
     def largest(array: Array) -> Array:
         by_group = np.zeros(count)

@@ -93,13 +93,13 @@ class FlatModel(Shown):
         return replace(model, arrays=model.arrays._replace(start_angles=self.arrays.start_angles))
 
     def counting_from(self, turns: Array) -> FlatModel:
-        """The same with angles counted from those at the start, (1, rows and springs, 2) [rad]."""
+        """The model with angles counted from the start's, (1, rows and springs, 2) [rad]."""
         if not turns.size:
             return self
         return replace(self, arrays=self.arrays._replace(start_angles=turns[0].copy()))
 
     def counting_from_placements(self) -> FlatModel:
-        """The same with angles counted from the placements, wherever the motion begins."""
+        """The model with angles counted from the placements, wherever the motion begins."""
         placed = self.tables.lowering.start_angles
         return replace(self, arrays=self.arrays._replace(start_angles=placed))
 
@@ -147,7 +147,7 @@ class FlatModel(Shown):
         return self.arrays.coordinates(self.body_index(body))
 
     def coordinates_in_space(self, body: str) -> SpaceCoordinates:
-        """The same of a body in space; a ValueError if the mechanism is in the plane."""
+        """The coordinates of a body in space; a ValueError if the mechanism is in the plane."""
         if not is_spatial(self.arrays):
             raise ValueError(f"body {body!r} is in the plane, and has no coordinates in space")
         return self.arrays.coordinates(self.body_index(body))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a mechanism prescribes over time, tabulated at the instants of a motion."""
+"""The prescribed motions, drives and loads of a mechanism, tabulated at instants."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def once_for_a_mechanism(
 
 @dataclass(frozen=True, eq=False)
 class TimeTables:
-    """What a mechanism prescribes over time, to be tabulated at any instants."""
+    """The prescribed motions, drives and loads of a mechanism, for any instants."""
 
     mechanism: Mechanism
     #: Rows of all joints, with the names of the joints.

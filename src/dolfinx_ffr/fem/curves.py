@@ -140,7 +140,7 @@ class Arc(Curve):
 
     @property
     def radius(self) -> float:
-        """Of the circle [m]."""
+        """Radius of the circle [m]."""
         return float(np.linalg.norm(self.start - self.center))
 
     @property

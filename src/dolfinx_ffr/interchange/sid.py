@@ -211,7 +211,7 @@ def _written(name: str, m0: Array, m1: Array | None, indent: int) -> Iterator[st
 
 @dataclass
 class _Block:
-    """What stands between the line that opens a block and the line that ends it."""
+    """The lines between the opening and the end of a block."""
 
     name: str
     title: str = ""  #: What stands behind "new node ="
@@ -269,7 +269,7 @@ def _blocks(text: str) -> _Block:
 
 @dataclass(frozen=True)
 class _Modal:
-    """What a file holds."""
+    """The contents of a file."""
 
     r: int  #: Number of modes
     mass: float  #: [kg]
@@ -278,7 +278,7 @@ class _Modal:
 
     @staticmethod
     def of(text: str) -> _Modal:
-        """What the text of a file holds."""
+        """The contents of a file's text."""
         head = re.match(r"\s*(\d+)\s+(\d+)\b", text)
         if not head:
             raise ValueError("line 1: it must begin with the numbers of nodes and modes")

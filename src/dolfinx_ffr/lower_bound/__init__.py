@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How far a design is from the best possible one: a bound that no part can pass."""
+"""A lower bound of psi for all parts, and the gap of a design above it."""
 
 from __future__ import annotations
 

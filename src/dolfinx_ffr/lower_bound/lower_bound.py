@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How much psi every part must have that could stand in the place of a design."""
+"""A lower bound of psi for every part within the body of a design."""
 
 from __future__ import annotations
 
@@ -66,16 +66,16 @@ class LowerBound(Shown):
         ]
 
     def gap(self, psi: float) -> float:
-        """How far a value ``psi`` of a part is above the bound at most, relative to it."""
+        """Relative gap of a value ``psi`` of a part above the bound."""
         return psi / self.psi - 1.0
 
     def record(self, psi: float) -> dict[str, float | str]:
-        """What the bound says of a part with the value ``psi``, for `write_summary`."""
+        """Bound and gap of a part with the value ``psi``, for `write_summary`."""
         numbers = {"psi": self.psi, "full": self.full, "gap": self.gap(psi)}
         return {**numbers, "sheet": self.sheet_psi, "text": self.sentence(psi)}
 
     def sentence(self, psi: float) -> str:
-        """What the bound says of a part with the value ``psi``."""
+        """Bound and gap of a part with the value ``psi``, in words."""
         names = list(self.sheet)
         if len(names) == 1:
             parts, whose = "no part of this material within this outline has", f"full {names[0]}'s"

@@ -72,7 +72,7 @@ class StaticBody:
         return StaticBody(body.with_interpolation(PLATE).with_modes(modes))
 
     def respond(self, density: Array) -> UnitResponse:
-        """What unit loads do at a ``density``, shape (cells,); collective."""
+        """Displacements and work of unit loads at a ``density``, shape (cells,); collective."""
         body, d = self.body, self.body.domain.dimension
         reduced = body.reduce(density)
         factored = body.factored(reduced)

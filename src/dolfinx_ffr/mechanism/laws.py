@@ -43,7 +43,7 @@ _MOST_VALUES = 400
 
 
 class Law(Protocol):
-    """What all laws, and motions, have."""
+    """The interface of laws and motions."""
 
     @property
     def value(self) -> Callable[[Array], ArrayLike]:

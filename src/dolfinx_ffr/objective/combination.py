@@ -29,7 +29,7 @@ NEAR = 0.5
 
 @dataclass(frozen=True)
 class Combination(ABC):
-    """How the objectives of several load cases become one number.
+    """A combination of the objectives of several load cases to one number.
 
     Args:
         weights: By name of the load case, not negative; one for each, or None, which stands for

@@ -320,7 +320,7 @@ class ApproximateGradient:
 
 
 def gradient_errors(domain: Domain, gradient: Array, exact: Array, cells: Mask) -> GradientErrors:
-    """How a ``gradient`` differs from the ``exact`` one over some ``cells`` of a ``domain``.
+    """Errors of a ``gradient`` against the ``exact`` one over some ``cells`` of a ``domain``.
 
     All arrays have shape (cells,) of this rank. The result is the same on every rank, and NaN where
     no element counts or the exact gradient is zero.

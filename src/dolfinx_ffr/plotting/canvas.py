@@ -196,7 +196,7 @@ def canvas_class(dimension: int) -> type[PlaneCanvas]:
 
 
 def _mover(polygons: Any, offset: Array | float = 0.0) -> Move:
-    """What moves polygons to the points from which they come, and an offset further."""
+    """A function that moves polygons to new points, plus an offset."""
     number = np.asarray(polygons["vtkOriginalPointIds"])
 
     def move(points: Array) -> None:

@@ -30,7 +30,7 @@ from .integrals import volume_integrals
 
 @dataclass(frozen=True)
 class NodalDomain:
-    """What frames and reductions ask of a domain, for nodes without a mesh."""
+    """The interface of a domain for frames and reductions, for nodes without a mesh."""
 
     comm: MPI.Comm
     interfaces: dict[str, Interface]

@@ -33,7 +33,7 @@ from .factored_body import FactoredBody
 
 @dataclass(frozen=True)
 class BasisOptions:
-    """How a block of fields is made orthonormal."""
+    """Options for orthonormalising a block of fields."""
 
     #: Norm of a direction, relative to the largest of its block, from which it is taken at once,
     #: exact to round-off times the square of this; the rest is looked at again

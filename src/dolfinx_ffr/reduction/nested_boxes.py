@@ -26,7 +26,7 @@ from ..fem import Elasticity
 
 @dataclass(frozen=True)
 class LatticeOptions:
-    """What is a lattice, and how far it is made coarser."""
+    """Tolerances for recognising a lattice, and limits of coarsening."""
 
     same_plane: float = 1e-8  #: Relative difference of coordinates of nodes on one plane
     #: Least number of planes across which is halved: with fewer the coarse boxes are too stiff in
@@ -123,7 +123,7 @@ def _along_axis(x: Array, coarse: Integers) -> sparse.csr_matrix:
 def _for_displacements(
     elasticity: Elasticity, interpolation: sparse.csr_matrix, n_coarse: int
 ) -> PETSc.Mat:
-    """The same for each component of displacements; this rank has ``n_coarse`` coarse nodes."""
+    """Prolongation for all displacement components; this rank has ``n_coarse`` coarse nodes."""
     d = elasticity.dimension
     entries = sparse.kron(interpolation, sparse.identity(d)).tocsr()
     entries.eliminate_zeros()

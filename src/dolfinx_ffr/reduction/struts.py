@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What struts of a body carry, and what others, and holes, would change before they are there."""
+"""Loads of a body's struts, and first-order predictions for new struts and holes."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ class Struts:
 
     @cached_property
     def carried(self) -> Array:
-        """By how much the stiffness of each cell of this rank lowers psi, shape (cells,)."""
+        """Decrease of psi by the stiffness of each cell of this rank, shape (cells,)."""
         pairs = FieldPairs.in_stiffness(self._pairs.phi, self._pairs.kappa)
         return -self._elasticity.density_gradient(self._density, pairs)
 
     @cached_property
     def removed(self) -> Array:
-        """By how much psi would change by the cells of this rank, were each part of a hole.
+        """Predicted change of psi by each cell of this rank if it became part of a hole.
 
         Shape (cells,). For small round holes through a plate it is exact to first order, but for
         Poisson's ratio in `_HOLE`.

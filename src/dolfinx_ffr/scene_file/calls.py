@@ -11,7 +11,7 @@ from ..program import refused
 
 
 class SceneError(ValueError):
-    """What is wrong in a scene file: file, table, key and remedy, in one line."""
+    """An error in a scene file: file, table, key and remedy, in one line."""
 
 
 @dataclass(frozen=True, eq=False)

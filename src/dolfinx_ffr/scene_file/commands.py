@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is done with a scene file: the design with its part and report, the check, and examples."""
+"""Commands for scene files: design with part and report, check, and examples."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def _flat_parts(result: Result) -> dict[str, Part]:
 
 
 def _first(problem: Problem, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
-    """Of several load cases the first one, which is drawn."""
+    """The first of several load cases, which is drawn."""
     name = next(iter(problem.load_cases))
     return problem.alone(name), evaluation.alone(name)
 
@@ -236,7 +236,7 @@ def _forces(problem: Problem, evaluation: Evaluation) -> Iterator[str]:
 
 
 def _estimate(scene: Scene, problem: Problem) -> str:
-    """How long a design takes, by gradients that are measured."""
+    """Estimated time of a design, from measured gradients."""
     even, seconds = DesignedBodies(problem.bodies).filled(0.5), []
     for _ in range(2):  # the first one compiles forms
         began = perf_counter()

@@ -60,7 +60,7 @@ class Scene:
         maker(replace(self.run, target=check_run))
 
     def optimized(self, maker: Maker, *, output: Path, resume: bool) -> Result:
-        """What `optimize` makes of the scene."""
+        """The result of `optimize` for the scene."""
         arguments = {"output": str(output), "resume": resume}
         return maker(replace(self.run, arguments=self.run.arguments | arguments))
 

@@ -24,7 +24,7 @@ from .certificate import Run
 
 @dataclass(frozen=True)
 class AccuracyOptions:
-    """What may be asked for, and how far steps are shortened for it."""
+    """Admissible tolerances, and limits for the shortening of steps."""
 
     tightest: float = 1e-12  #: Least tolerance.
     loosest: float = 0.1  #: Largest tolerance.

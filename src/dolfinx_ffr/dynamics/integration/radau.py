@@ -48,7 +48,7 @@ from .steps import step_bars
 
 @dataclass(frozen=True)
 class StepControl:
-    """How steps are chosen while a motion goes on."""
+    """Options for the choice of steps during a run."""
 
     tightest: float = 1e-13  #: Least tolerance.
     #: Largest tolerance, and that of the run which finds the norms of the motion.

@@ -128,7 +128,7 @@ class Lowering:
             self.forces[label].append(number)
 
     def tabulate(self, instants: Array) -> dict[str, Array]:
-        """What is prescribed over time, by name of the field of ModelArrays."""
+        """Tables over time, by name of the field of ModelArrays."""
         by_marker: dict[int, tuple[Array, Array]] = {}
         prescribed = np.zeros((instants.size, len(self._prescribed), 3, self.d))
         turns = np.zeros((instants.size, len(self._prescribed), 3))

@@ -197,7 +197,7 @@ class SpaceArrays(Arrays):
 
 
 def with_turns(vector: Array, near: Array) -> Array:
-    """Of all vectors of one rotation the one closest to another, see group.py; shape (3,)."""
+    """The rotation vector closest to another one, of the same rotation; see group.py; (3,)."""
     axis = vector if np.linalg.norm(vector) > 0.0 else near
     length = np.linalg.norm(axis)
     if not length > 0.0:
