@@ -19,7 +19,6 @@ from mpi4py import MPI
 
 from ..body import VolumeIntegrals
 from ..dynamics import (
-    Bars,
     SimulationError,
     StepChoice,
     TimeInterval,
@@ -141,22 +140,17 @@ def adjoints(
     with on_every_rank(comm, WORK):
         jobs_of_rank = _mine(comm, costs) if several else list(direct)
         for case in dict.fromkeys(name for name, _ in jobs_of_rank):
-            partials = {job: direct[job] for job in jobs_of_rank if job[0] == case}
+            response, bars = responses[case], {}
+            jobs_of_case = [job for job in jobs_of_rank if job[0] == case]
             with _named(case) if several else nullcontext():
-                bars = _adjoints_of_case(responses[case], partials)
-                by_job |= through_trajectory(responses[case], list(partials), bars)
+                for job in jobs_of_case:
+                    trajectory_bar = direct[job].trajectory
+                    if trajectory_bar is not None and depends_on_motion(direct[job], response):
+                        bars[job] = adjoint(response.trajectory, trajectory_bar)
+                by_job |= through_trajectory(response, jobs_of_case, bars)
     if several:
         by_job = _joined(gathered(comm, "the adjoints of a problem", by_job))
     return {job: by_job[job] for job in direct}
-
-
-def _adjoints_of_case(response: Response, partials: Mapping[Job, Derivatives]) -> dict[Job, Bars]:
-    """The adjoints of the jobs of one load case whose value depends on its motion."""
-    bars = {}
-    for job, partial in partials.items():
-        if partial.trajectory is not None and depends_on_motion(partial, response):
-            bars[job] = adjoint(response.trajectory, partial.trajectory)
-    return bars
 
 
 def _mine(comm: MPI.Comm, costs: Mapping[Key, float]) -> list[Key]:
