@@ -31,7 +31,7 @@ from .factored_body import ClampedMatrices, FactoredBody
 from .frame import Frame
 from .krylov import KrylovSpace
 from .multigrid import MultigridSolver
-from .normal_modes import CLUSTER, EigenSolver, below_following, cluster
+from .normal_modes import CLUSTER, EigenSolver, LowestModes, below_following, cluster
 
 
 @dataclass(frozen=True)
@@ -315,26 +315,24 @@ class CraigBampton:
         load = self.elasticity.apply(factored.matrices.stiffness, self._lifted)
         load[self.clamped] = 0.0
         n = self.modes
-        eigenvalues, normal = np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
-        mass_normal = normal
         if n:
-            eigenvalues, normal, mass_normal, bounds, static = self._eigensolver.lowest(
-                factored, n, load
-            )
-            self._warn_about_cluster(eigenvalues, bounds)
+            lowest = self._eigensolver.lowest(factored, n, load)
+            self._warn_about_cluster(lowest.eigenvalues)
         else:
-            static = factored.solve(load)
+            none = np.zeros((self.elasticity.n_dofs, 0))
+            lowest = LowestModes(np.zeros(0), none, none, factored.solve(load))
         return ReducedBasis(
-            shapes=np.hstack([self._lifted - static, normal[:, :n]]),
+            shapes=np.hstack([self._lifted - lowest.static, lowest.fields[:, :n]]),
             n_constraint=self.n_constraint,
-            eigenvalues=eigenvalues[:n],
-            mass_times_normal=mass_normal[:, :n],
-            truncated_eigenvalues=eigenvalues[n:],
-            truncated_modes=normal[:, n:],
-            mass_times_truncated=mass_normal[:, n:],
+            eigenvalues=lowest.eigenvalues[:n],
+            mass_times_normal=lowest.mass_fields[:, :n],
+            truncated_eigenvalues=lowest.eigenvalues[n:],
+            truncated_modes=lowest.fields[:, n:],
+            mass_times_truncated=lowest.mass_fields[:, n:],
         )
 
-    def _warn_about_cluster(self, eigenvalues: Array, bounds: tuple[int, int]) -> None:
+    def _warn_about_cluster(self, eigenvalues: Array) -> None:
+        bounds = cluster(eigenvalues, self.modes)
         if self.modes in bounds:
             return
         pair = np.sqrt(eigenvalues[self.modes - 1 : self.modes + 1]) / (2 * np.pi)

@@ -61,8 +61,16 @@ class SearchOptions:
 
 
 SEARCH = SearchOptions()
-#: Eigenvalues (k,), fields (dofs, k) of modal mass one, M times them, bounds, static solutions
-Found = tuple[Array, Block, Block, tuple[int, int], Block]
+
+
+@dataclass(frozen=True, eq=False)
+class LowestModes:
+    """The lowest modes, to the end of the last one's `cluster` and beyond."""
+
+    eigenvalues: Array  #: (k,)
+    fields: Block  #: (dofs, k), of modal mass one
+    mass_fields: Block  #: (dofs, k) M times them
+    static: Block  #: K^-1 times the loads that were given, (dofs, columns)
 
 
 class EigenSolver:
@@ -81,12 +89,11 @@ class EigenSolver:
         width = SEARCH.narrow_block if narrow else SEARCH.block
         self._block = np.hstack([self._smooth, *map(self._scattered, range(1, width))])
 
-    def lowest(self, factored: FactoredBody, number: int, loads: Block) -> Found:
-        """The ``number`` lowest modes, and more to the end of the last one's cluster and beyond.
+    def lowest(self, factored: FactoredBody, number: int, loads: Block) -> LowestModes:
+        """The ``number`` lowest modes, to the end of the last one's `cluster` and beyond.
 
-        With the `cluster` of the last mode asked for, and K^-1 times ``loads`` (dofs, columns), for
-        which the factor is not read once more. RuntimeError if modes do not converge or remain
-        missing.
+        With K^-1 times ``loads`` (dofs, columns), for which the factor is not read once more.
+        RuntimeError if modes do not converge or remain missing.
         """
         iterative = isinstance(factored.clamped.solver, MultigridSolver)
         # where solutions are approximate, a Krylov space loses its recurrence
@@ -95,7 +102,7 @@ class EigenSolver:
             return certified
         eigenvalues, fields = self._search(factored, self._smooth, number + 1)
         while True:
-            begin, end = cluster(eigenvalues, number)
+            end = cluster(eigenvalues, number)[1]
             if end == self.freedoms:
                 break
             missing, below = len(eigenvalues), np.inf
@@ -118,9 +125,11 @@ class EigenSolver:
                 )
             eigenvalues, fields = self._ritz(factored, np.hstack([fields, further_fields]))
         masses = self.elasticity.apply(factored.clamped.mass, fields)
-        return eigenvalues, fields, masses, (begin, end), factored.solve(loads)
+        return LowestModes(eigenvalues, fields, masses, factored.solve(loads))
 
-    def _in_krylov_space(self, factored: FactoredBody, number: int, loads: Block) -> Found | None:
+    def _in_krylov_space(
+        self, factored: FactoredBody, number: int, loads: Block
+    ) -> LowestModes | None:
         """The modes of `lowest`, certified, or None if that takes too many vectors."""
         # K^-1 M V y, unlike V y, is free of fields that the mass does not see, in void
         space = KrylovSpace(factored, self._block)
@@ -151,9 +160,9 @@ class EigenSolver:
                 holds = self.elasticity.decided(certificate.holds(limit, end))
             if holds or end == self.freedoms:
                 fields = space.image_of(vectors[:, :n_accurate])
-                del space, certificate, image, noisy, right_sides  # larger than what is found
+                del space, certificate, image, noisy, right_sides  # larger than the modes
                 fields, masses = self._normalized(factored, fields)
-                return eigenvalues, fields, masses, cluster(eigenvalues, number), static
+                return LowestModes(eigenvalues, fields, masses, static)
             if space.invariant or (end < n_accurate and holds is False):
                 if rounds:
                     noisy = factored.solve(noise(factored, self._clamped, rounds))
