@@ -37,6 +37,8 @@ def test_the_step_is_the_minimum_within_the_constraints(
     assert np.max(np.abs(found.offsets)) <= 0.45 + 1e-12
     assert found.offsets[0] == 0.0
     assert np.min(found.multipliers) >= 0.0
+    fall = -gradient @ found.offsets - 0.5 * np.sum((found.offsets @ curved) ** 2)
+    assert found.promised == pytest.approx(fall, rel=1e-12)
 
     def cost(a: np.ndarray) -> float:
         return float(0.5 * a @ (whole @ a) + found.weight * gradient @ a)

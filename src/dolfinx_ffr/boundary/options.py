@@ -46,6 +46,7 @@ class BoundaryOptions:
     shortest: float = 1e-3  #: Reach below which another mesh changes more than the step
     reach_again: float = 0.0  #: Least reach where modes or the topology may have changed
     mesh_noise: float = 0.0  #: Rise of the merit for which a step is accepted, as of another mesh
+    promised_share: float = 0.25  #: Share of the promised fall that a better step brings
     secants: int = 8  #: Earlier steps that tell the curvature
     curvature_share: float = 1e-2  #: Of the largest curvature, from which on one is told
     #: Weight of the largest violated bound in the merit, and least weight in sums of multipliers:

@@ -39,6 +39,7 @@ class Step:
     offsets: Array  #: Along the normals, one for each control [m]
     multipliers: Array  #: What each constraint costs of psi, not negative
     weight: float  #: Of the gradient
+    promised: float  #: Fall of psi by its gradient and the curvature that is known
 
 
 def best_step(
@@ -91,7 +92,8 @@ def best_step(
     costs = np.zeros(len(values))
     if not mends:
         costs[able] = step(np.minimum(wanted, 0.0), weight)[1] / weight
-    return Step(offsets, costs, weight)
+    promised = -float(gradient[free] @ inner + 0.5 * np.sum((inner @ bends) ** 2))
+    return Step(offsets, costs, weight, promised)
 
 
 def secants(known: Array, move: Array, gradient: Array, count: int = CURVES.secants) -> Array:

@@ -90,7 +90,7 @@ class CurveSteps(Iterator[Trial]):
         after, step, rejected = self._accepted(slopes)
         if after is None or step is None:
             raise StopIteration
-        self._adapt(after)
+        self._adapt(after, step)
         self.trial.release()
         self._secants = self._descent.secants(self._secants, self.trial, slopes, after)
         self.trial = after
@@ -141,9 +141,13 @@ class CurveSteps(Iterator[Trial]):
             self._reach, rejected = 0.5 * self._reach, rejected + 1
         return None, None, rejected
 
-    def _adapt(self, after: Trial) -> None:
+    def _adapt(self, after: Trial, step: Step) -> None:
         """Choose the reach of the next step, and by how much bounds are tightened."""
-        better = after.merit(self._weight) < self.trial.merit(self._weight)
+        # one that brings little of what it promises by its curvature was too long
+        promised = (
+            self._options.promised_share * max(0.0, step.promised) if self._secants.size else 0.0
+        )
+        better = after.merit(self._weight) < self.trial.merit(self._weight) - promised
         options = self._options
         factor = options.longer if better else options.shorter
         self._reach = min(self._reach * factor, options.longest)

@@ -348,7 +348,7 @@ class Descent:
             offsets[name] = boundary.member * (shares @ step.offsets[start : start + count])
             start += count
         multipliers = step.multipliers[len(step.multipliers) - slopes.bounds :]
-        return Step(offsets, multipliers)
+        return Step(offsets, multipliers, step.promised)
 
     def secants(self, earlier: Array, before: Trial, slopes: Slopes, after: Trial) -> Array:
         """What the last steps tell, with the one from the trial ``before`` to that ``after`` it.
@@ -447,6 +447,7 @@ class Step:
 
     offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
     bound_multipliers: Array  #: Multipliers of constraints and volumes, in units of log psi
+    promised: float  #: Fall of log psi by its slopes and the curvature that is known
 
 
 def parted(
