@@ -218,7 +218,7 @@ class Descent:
     def evaluated(
         self, boundaries: dict[str, Boundary | Surface], problem: Problem, evaluation: Evaluation
     ) -> Trial:
-        """A trial whose constraints are not evaluated yet."""
+        """The trial of boundaries at which the problem is evaluated, with its violations."""
         # stress limits are those of these parts
         problem, evaluation = problem.calibrated(evaluation)
         logarithm = self.logarithm
@@ -353,8 +353,8 @@ class Descent:
     def secants(self, earlier: Array, before: Trial, slopes: Slopes, after: Trial) -> Array:
         """What the last steps tell, with the one from the trial ``before`` to that ``after`` it.
 
-        Nothing where the largest stress or the worst load case counts, which is another one's in
-        each step.
+        Empty where the largest stress or the worst load case counts: the place of that stress, or
+        that load case, is another one after each step, and differences of gradients tell nothing.
         """
         displacements = [
             self.geometry.normal_displacement(b, after.boundaries[n])
