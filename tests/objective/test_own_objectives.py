@@ -20,7 +20,7 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import TrajectoryBar
 from dolfinx_ffr.objective import marker_derivatives
 
-NO_NUMBERS = [math.nan, -math.inf, 1j, None, "1.0", np.ones(2), [1.0]]
+NO_NUMBERS = [math.nan, 1j, None, "1.0", np.ones(2)]
 
 
 class Own(ffr.Objective):
@@ -107,11 +107,9 @@ def of_marker(response: ffr.Response) -> ffr.Derivatives:
     ("derivatives", "said"),
     [
         (lambda response: None, "the derivatives of Own must be ffr.Derivatives"),
-        (lambda response: np.ones(3), "the derivatives of Own must be ffr.Derivatives"),
         (rod(lambda r: r.densities["rod"].areas * math.nan), "by the density of 'rod' holds NaN"),
         (rod(lambda r: r.densities["rod"].areas[1:]), r"by the density of 'rod' must have shape"),
         (rod(lambda r: 1j * r.densities["rod"].areas), "by the density of 'rod' must hold real"),
-        (rod(lambda r: None), "by the density of 'rod' must hold real numbers"),
         (
             lambda r: ffr.Derivatives(densities={"bar": r.densities["rod"].areas}),
             r"by the density of 'bar', but the bodies with a density are \['rod'\]",
@@ -149,9 +147,7 @@ def by_y(value: float, first: int = 0) -> Callable[[ffr.Response], ffr.Derivativ
 @pytest.mark.parametrize(
     ("value", "bars", "said"),
     [
-        (None, None, "the value of OfMotion must be a number, but it is None"),
         (math.nan, None, "the value of OfMotion must be finite, but it is nan"),
-        (1.0, lambda t: None, "the derivatives of OfMotion must be ffr.Derivatives"),
         (
             1.0,
             lambda t: ffr.Derivatives(None, None),

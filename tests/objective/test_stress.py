@@ -216,23 +216,7 @@ def test_instants_that_tell_of_others(comm: MPI.Intracomm, monkeypatch: pytest.M
     assert np.sum(np.abs(slopes_of_few - slopes)) <= 1e-10 * np.sum(np.abs(slopes))
 
 
-@pytest.mark.parametrize("instants", [1, 4096, 4097, 4230, 9000])
-def test_the_mean_of_many_instants(instants: int) -> None:
-    """Of any number of them it is the sum over all."""
-    rng = np.random.default_rng(0)
-    modes, areas = rng.normal(size=(3, 7, 2)), rng.uniform(0.1, 1.0, 7)
-    times = np.full(instants, 1.0 / instants)
-    turn = np.linspace(0.0, 40.0 * math.pi, instants)
-    coordinates = np.column_stack([np.cos(turn), np.sin(3.0 * turn) ** 3])
-    mean = stress_mean.Stresses(modes, coordinates, areas, times).mean(8.0, lambda own: [own])
-    squares = np.sum(np.einsum("ipn,tn->itp", modes, coordinates) ** 2, axis=0)
-    exact = float(times @ squares**4 @ areas) ** (1 / 8)
-    assert mean.value == pytest.approx(exact, rel=1e-9)
-    assert mean.largest == pytest.approx(np.max(squares), rel=1e-12)
-
-
 PLAIN = ffr.PeakStress("rod", correction=False)
-PLAIN_9 = ffr.PeakStress("rod", 9.0, 0.0, False)
 
 
 @pytest.mark.parametrize(
@@ -241,9 +225,7 @@ PLAIN_9 = ffr.PeakStress("rod", 9.0, 0.0, False)
         *(
             pytest.param(*case, marks=pytest.mark.slow)
             for case in (
-                ("quadrilateral", 1, ffr.PlaneStrain, ADAPTIVE, PLAIN_9),
                 ("quadrilateral", 2, ffr.PlaneStrain, FIXED, ffr.PeakStress("rod", 12.0, 0.3)),
-                ("triangle", 2, ffr.PlaneStrain, ADAPTIVE, PLAIN),
                 ("triangle", 3, ffr.PlaneStress, FIXED, PLAIN),
             )
         ),
