@@ -48,8 +48,8 @@ gmsh.model.mesh.getNodes()
 """
 #: Time after which the other process is given up, beside a second for each megabyte [s]
 _PATIENCE = 60.0
-#: Memory that it may take at most, in all and for a byte of the file [bytes]: gmsh takes a tenth of
-#: this, and far more for a damaged file that promises more nodes than it holds
+#: Memory that it may take at most, and more for each byte of the file [bytes]: gmsh takes some
+#: three for a byte of a mesh, and any number for a file that promises more nodes than it holds
 _MEMORY, _MEMORY_OF_BYTE = 10**9, 100
 #: Beginnings of the environment variables that launchers of MPI set
 _RANK = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI")
