@@ -18,8 +18,6 @@ from ezdxf.math import Matrix44, Vec2
 
 from dolfinx_ffr import Domain
 from dolfinx_ffr.fem import Bore, Box, closed_outline, gmsh_model, read_outline
-from dolfinx_ffr.fem.curves import enclosed
-from dolfinx_ffr.fem.plane_mesh import walked
 from dolfinx_ffr.limits import INSIST
 
 ENDS = {"pin": Bore((0.02, 0.01)), "wall": Box((-1e-4, -1.0), (1e-4, 1.0))}
@@ -29,8 +27,7 @@ def area(path: Any, unit: str | None = None, **sheet: Any) -> float:
     """The area of the faces of a drawing [m^2]."""
     layers = sheet.pop("layers", None)
     drawing = closed_outline("outline", read_outline(path, unit, layers), **sheet)
-    loops = (loop for face in drawing.faces for loop in face.loops)
-    return float(sum(enclosed(walked(drawing.curves, loop))[0] for loop in loops))
+    return float(sum(drawing.moments(face.loops)[0] for face in drawing.faces))
 
 
 def plate(space: Any, layer: str = "0", x: float = 0.0, gap: float = 0.0) -> None:

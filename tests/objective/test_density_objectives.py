@@ -7,15 +7,36 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from shared import TOP, names_of_program
 from shared.derivatives import check_gradient, waves
 from shared.problems import four_bar
 from shared.rods import HELD, rod, ways
 
 import dolfinx_ffr as ffr
 
-#: The example of CONTRIBUTING: area of a body times x (1 - x), zero for void and solid
-Grayness: type[ffr.Objective] = names_of_program(TOP / "CONTRIBUTING.md", "Grayness")["Grayness"]
+
+class Grayness(ffr.Objective):
+    """Area of a body times x (1 - x): zero for void and solid [m^2]."""
+
+    unit = "m^2"
+
+    def __init__(self, body: str) -> None:
+        self.body = body
+
+    @property
+    def needs_trajectory(self) -> bool:
+        return False
+
+    def validate(self, inventory: ffr.Inventory) -> None:
+        if self.body not in inventory.densities:
+            raise ValueError(f"grayness of body {self.body!r}, which has no density")
+
+    def evaluate(self, response: ffr.Response) -> float:
+        density = response.densities[self.body]
+        return density.sum(density.areas * density.values * (1.0 - density.values))
+
+    def derivatives(self, response: ffr.Response) -> ffr.Derivatives:
+        density = response.densities[self.body]
+        return ffr.Derivatives(densities={self.body: density.areas * (1.0 - 2.0 * density.values)})
 
 
 class SpecificCompliance(ffr.Objective):
