@@ -322,7 +322,7 @@ def test_bodies_whose_names_are_no_file_names(comm: MPI.Comm, shared_tmp_path: P
     result._parts.update(dict.fromkeys(names, part))
     folder = shared_tmp_path / "folder"
     with pytest.warns(
-        ffr.DesignWarning, match="no part comes of the design of .*: verify: parts for"
+        ffr.DesignWarning, match="no part can be made of the design of .*: verify: parts for"
     ):
         assert result.finish(folder) is None
     places = {name: folder / file_name for name, file_name in file_names(names).items()}

@@ -36,7 +36,10 @@ class OfJoints(Objective):
         if not isinstance(self.joint, str):
             names = validation.names(f"{self._what}: joint", self.joint)
             if not names or len(set(names)) < len(names):
-                raise ValueError(f"{self._what}: joint must be one name or different ones")
+                raise ValueError(
+                    f"{self._what}: give the name of one joint, or different names of several "
+                    "joints"
+                )
             object.__setattr__(self, "joint", tuple(names))
 
     def validate(self, inventory: Inventory) -> None:

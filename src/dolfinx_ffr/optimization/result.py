@@ -361,7 +361,7 @@ class Result(Shown):
         validation.keywords("result.finish", options, verify)
         if self.terminated:
             warn(
-                "finish: no part is made of this design, as SIGTERM has ended its run: continue "
+                "finish: no part is made, because SIGTERM has interrupted the run: continue it "
                 "with optimize(..., resume=True)",
                 2,
             )
@@ -463,9 +463,9 @@ def deny(result: Result, names: Collection[str], error: Exception, stacklevel: i
     """Warn that the designs of some bodies make no part, which is a violation of each."""
     result.violations.update({f"part of {name}": 1.0 for name in names})
     warn(
-        f"no part comes of the design of {', '.join(map(repr, names))}, so it is not feasible: "
-        f"{error}; take smaller elements, more volume, another start, or an objective that loads "
-        "the interfaces, which the frequency of a free body does not",
+        f"no part can be made of the design of {', '.join(map(repr, names))}, which is therefore "
+        f"not feasible: {error}; take smaller elements, more volume, another start, or an "
+        "objective that loads the interfaces, which the frequency of a free body does not",
         stacklevel + 1,
     )
 

@@ -84,8 +84,8 @@ def plot_history(
                 panels.insert(1 if "psi" in panels else 0, prefix)
         if not panels:
             raise ValueError(
-                f"plot_history: the history has the columns {sorted(columns)} and must have a line "
-                f"and at least one of {list(_COLUMNS)}"
+                f"plot_history: the history has the columns {sorted(columns)}; it needs a line and "
+                f"at least one of {list(_COLUMNS)}"
             )
         count = len(next(iter(columns.values())))
         iteration = columns.get("iteration", np.arange(count, dtype=np.float64))
