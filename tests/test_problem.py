@@ -92,8 +92,8 @@ def test_same_numbers_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
         mine = all_.trajectory.y.tobytes() + np.float64(all_.psi).tobytes()
         assert len(set(comm.allgather(mine))) == 1
         assert all_.psi == pytest.approx(one.psi, rel=1e-9)
-        found, expected = (e.fixed_interface_frequencies["rod"] for e in (all_, one))
-        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        computed, expected = (e.fixed_interface_frequencies["rod"] for e in (all_, one))
+        np.testing.assert_allclose(computed, expected, rtol=1e-9)
         assert one.gradient is not None and all_.gradient is not None
         place = {
             tuple(p): g for p, g in zip(_keys(serial_problem), one.gradient["rod"], strict=True)
@@ -228,15 +228,11 @@ def test_few_frames_lie_in_between(comm: MPI.Intracomm, monkeypatch: pytest.Monk
     ("objective", "message"),
     [
         (ffr.IntegralCompliance(["bar"]), r"of body 'bar', but the bodies are \['rod', 'disc'\]"),
-        (ffr.Mass("bar"), r"mass of body 'bar', but the bodies are \['rod', 'disc'\]"),
-        (ffr.Frequency("bar"), r"frequency of body 'bar', but the bodies are \['rod', 'disc'\]"),
         (ffr.PathTracking("rod", "middle", (0.0, 0.0)), r"the markers of body 'rod' are \['left'"),
         (ffr.Mass("rod") + ffr.JointForce("pin"), r"the joints are \['crank pin', 'slider'\]"),
         (ffr.PeakCompliance(["disc"]), r"'disc' is rigid .* flexible bodies are \['rod'\]"),
-        (ffr.IntegralCompliance(weights={"disc": 2.0}), "'disc' is rigid"),
         (2.0 * ffr.Frequency("disc"), "frequency: body 'disc' is rigid"),
         (ffr.Volume("disc"), r"volume of body 'disc', but the .*\['rod'.* Mass is similar"),
-        (ffr.Frequency("rod", 5, cluster=2), "5 elastic coordinates, too few for .* 5 to 6"),
     ],
 )
 def test_what_does_not_fit_a_body(comm: MPI.Comm, objective: ffr.Objective, message: str) -> None:

@@ -385,8 +385,8 @@ def test_arrays_refused() -> None:
     for arguments, options, message in refused:
         with pytest.raises(ValueError, match=message):
             given(*arguments, **options)
-    found = given(1, [[0, 0]], **disc, markers={"a": [1, 2]})
-    np.testing.assert_array_equal(found.markers["a"].position, [1.0, 2.0])
+    computed = given(1, [[0, 0]], **disc, markers={"a": [1, 2]})
+    np.testing.assert_array_equal(computed.markers["a"].position, [1.0, 2.0])
     with pytest.raises(ValueError, match="read-only"):
         body.G[0, 0] = 1.0
 

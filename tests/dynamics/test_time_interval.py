@@ -100,8 +100,8 @@ def test_tolerance_out_of_reach() -> None:
 def test_more_steps_than_are_ever_divided_are_refused(kind: Any, most: int) -> None:
     """With the number that is the most, and what helps."""
     exact = Certificate(np.ones(1), 0.0, 0.0, False, (), CELLS)
-    found = refined([kind(2.0, steps=most)], *model(20.0, 100.0), exact, 1e-4)
-    assert found.integrator.steps == most and found.met
+    computed = refined([kind(2.0, steps=most)], *model(20.0, 100.0), exact, 1e-4)
+    assert computed.integrator.steps == most and computed.met
     with pytest.raises(ValueError, match=f"{most + 2:,} steps.* more than the {most:,} .*fewer"):
         refined([kind(2.0, steps=most + 2)], *model(20.0, 100.0), exact, 1e-4)
 

@@ -345,7 +345,7 @@ def test_frequencies_of_a_beam() -> None:
     length, speed = 0.4, np.sqrt(2.1e11 / 7850.0) * 0.01 / np.sqrt(12.0)
     size = {"height": 0.01, "elements": 10, "modes": 25}
     clamped, floating = (beam(length, frame=frame, **size) for frame in ("tangent", "free"))
-    for found, root in (
+    for computed, root in (
         (frequency(clamped), 1.87510406871196),
         (frequency(clamped, 2), 4.69409113297417),
         (frequency(floating), 4.73004074486270),
@@ -353,7 +353,7 @@ def test_frequencies_of_a_beam() -> None:
         (frequency(clamped, pinned=["right"]), 3.92660231204792),
         (frequency(clamped, point_masses=True), tip_root(0.3 / clamped.mass)),
     ):
-        assert found == pytest.approx((root / length) ** 2 * speed / (2 * np.pi), rel=1e-4)
+        assert computed == pytest.approx((root / length) ** 2 * speed / (2 * np.pi), rel=1e-4)
     tangent, chord = (beam(frame=frame, elements=3, modes=9) for frame in ("tangent", "chord"))
     for number in range(1, 6):
         expected = pytest.approx(frequency(chord, number, free=True), rel=1e-9)

@@ -57,7 +57,7 @@ def test_several_active_constraints_beside_another_method() -> None:
     """SLSQP finds the same, and the multipliers fulfil the conditions of Karush and others."""
     start = [4.0, 3.0, 2.0]
     x, multipliers = run(spheres, start, 0.0, 5.0, 60, move=0.3)
-    found = minimize(
+    result = minimize(
         lambda y: spheres(y)[0][0],
         start,
         method="SLSQP",
@@ -65,7 +65,7 @@ def test_several_active_constraints_beside_another_method() -> None:
         constraints=[{"type": "ineq", "fun": lambda y: -spheres(y)[0][1:]}],
         options={"ftol": 1e-14},
     )
-    assert x == pytest.approx(found.x, abs=1e-4)
+    assert x == pytest.approx(result.x, abs=1e-4)
     values, slopes = spheres(x)
     assert values[1:] == pytest.approx([0.0, 0.0], abs=1e-4)
     assert np.all(multipliers > 0.1)
