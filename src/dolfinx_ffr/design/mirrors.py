@@ -32,7 +32,7 @@ SHARE = 0.02
 
 @dataclass(frozen=True)
 class Mirror:
-    """A line in the plane of the body, in space a plane.
+    """A mirror line of a body in the plane, or a mirror plane of a body in space.
 
     Attributes:
         point: On the line or plane, shape (dimension,) [m].

@@ -90,7 +90,7 @@ class LowerBound(Shown):
 
 
 def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None) -> LowerBound:
-    """The least psi that any parts could have in the place of the flexible bodies; collective.
+    """A lower bound of psi for all parts in the place of the flexible bodies; collective.
 
     It takes a fraction of the time of a design: the best sheet of variable thickness is a convex
     problem, and its displacements give a bound for every point, not only for cells of the mesh.

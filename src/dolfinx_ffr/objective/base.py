@@ -90,7 +90,7 @@ class StressField(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Response(Shown):
-    """The arguments of objectives: a trajectory and the bodies that it belongs to.
+    """The arguments of objectives: a trajectory, and the integrals, densities and stress of bodies.
 
     Attributes:
         simulated: None if neither objective nor constraints need it.

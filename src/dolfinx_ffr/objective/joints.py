@@ -141,7 +141,7 @@ class _OfDrives(OfJoints):
 
 @dataclass(frozen=True)
 class DrivePower(_OfDrives, MeanOverTime):
-    """Power mean over time of the power of a drive, whatever its sign [W].
+    """Power mean over time of the absolute power of a drive [W].
 
         psi = (1/T int |P(t)|^p dt)^(1/p),    P = -lam . (C_y v)
 
@@ -180,7 +180,7 @@ class DrivePower(_OfDrives, MeanOverTime):
 
 @dataclass(frozen=True)
 class DriveWork(_OfDrives):
-    """Energy that a drive takes from its supply in the time that counts [J].
+    """Energy that a drive takes from its supply within the window [J].
 
         psi = int ((1 + r)/2 P + (1 - r)/2 sqrt(P^2 + e^2)) dt,    P = -lam . (C_y v)
 

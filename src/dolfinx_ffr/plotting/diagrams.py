@@ -47,7 +47,7 @@ def plot_history(
     title: str = "",
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Path:
-    """Draw how a design came about, over the iterations.
+    """Draw the history of a design over the iterations.
 
     Each column has a panel: the objective, with the line of the solid body where it is given; the
     objectives of several load cases, each relative to its value at the start; the parameters of a

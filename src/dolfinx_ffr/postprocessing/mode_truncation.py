@@ -43,7 +43,7 @@ MOST = 0.9
 
 
 def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
-    """Estimated relative error of psi by the normal modes that each body leaves out.
+    """Estimated relative error of psi by the truncated normal modes of each body.
 
     It takes a back-substitution and one simulation with some seven coordinates more. Where a body
     has been reduced at another density since, its matrices are assembled and factored first. The
@@ -289,7 +289,7 @@ def _uncut(reduced: ReducedBody) -> Integers:
 
 
 class LocalModesWarning(UserWarning):
-    """Modes of a body shake nothing but loose or almost void pieces of it."""
+    """Normal modes of a body move only loose or nearly void pieces of it."""
 
 
 @dataclass(frozen=True)
@@ -310,7 +310,7 @@ class LocalModes:
 
 
 def local_modes(problem: Problem, evaluation: Evaluation) -> dict[str, LocalModes]:
-    """The normal modes that move almost nothing but loose and almost void pieces of their body.
+    """The normal modes that move only loose or nearly void pieces of their body.
 
     A mode is local if more than nine tenths of its kinetic energy lie outside the pieces that touch
     an interface and consist of cells of at least 0.3 of the mean density (by mass, so that void
