@@ -188,8 +188,8 @@ def facts() -> str:
     pairs = zip(names, packages, strict=True)
     versions = ", ".join(f"{name} {version(package)}" for name, package in pairs)
     busy = (
-        "- **the machine was busy when the run began: times are longer than on a free machine, most "
-        "of all on 2 ranks; ratios within a line suffer less**\n"
+        "- **the machine was busy when the run began: times are longer than on a free machine, "
+        "most of all on 2 ranks; ratios within a line suffer less**\n"
     )
     return (
         f"- machine: {_processor()}, {len(os.sched_getaffinity(0))} cores for this process, "
