@@ -351,5 +351,5 @@ def test_rounded_rotation_matrices_are_taken(digits: int) -> None:
     ],
 )
 def test_angles_in_degrees_are_asked_about(make: Callable[[], object]) -> None:
-    with pytest.warns(ffr.PlacementWarning, match=r"if these are degrees, give np.deg2rad\(-?90\)"):
+    with pytest.warns(ffr.PlacementWarning, match=r"in degrees, give np.deg2rad\(-?90\)"):
         make()

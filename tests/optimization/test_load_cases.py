@@ -124,7 +124,7 @@ def test_a_trial_is_taken_back_where_one_load_case_of_it_fails(comm: MPI.Intraco
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:no part comes of the design")  # it is torn after few steps
+@pytest.mark.filterwarnings("ignore:no part can be made of the design")  # it is torn
 def test_explicit_steps_take_a_smooth_number(comm: MPI.Intracomm) -> None:
     evolution = ffr.LevelSetEvolution()
     problem = three_load_cases(comm, ffr.PowerMean(WEIGHTS), constraints=False)

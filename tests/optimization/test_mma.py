@@ -214,7 +214,7 @@ def test_stress_limit(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:no part comes of the design")
+@pytest.mark.filterwarnings("ignore:no part can be made of the design")
 def test_a_step_held_for_a_constraint_may_raise_the_merit() -> None:
     """Sharpening broke the stress limit: the way back costs material, until nothing sharpens."""
     problem, design = rod(MPI.COMM_SELF)

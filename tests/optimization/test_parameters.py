@@ -247,8 +247,8 @@ def refusals() -> dict[str, Any]:
         ),
         "'mas'": lambda: good.at({"mas": 0.2}),
         "parameter 'mass' must lie": lambda: good.at({"mass": 0.7}),
-        "with other bounds": lambda: ffr.optimize(good, own),
-        "under a name that no body has, not as 'arm'": lambda: ffr.optimize(
+        "or other bounds": lambda: ffr.optimize(good, own),
+        "give the parameters once, and not by the name of a body, 'arm'": lambda: ffr.optimize(
             good, {"arm": PARAMETERS}
         ),
         "different parameters": lambda: ffr.Problem.of_load_cases(

@@ -110,9 +110,9 @@ def test_what_the_part_of_curves_that_cross_exceeds_is_no_result(
 
     monkeypatch.setattr(ffr.Result, "enclosed", torn)
     with (
-        pytest.warns(ffr.DesignWarning, match="the boundary stays as the mesh has drawn it"),
+        pytest.warns(ffr.DesignWarning, match="the boundary was not moved"),
         pytest.warns(
-            ffr.DesignWarning, match=r"no part comes of the design of .*: part: no material"
+            ffr.DesignWarning, match=r"no part can be made of the design of .*: part: no material"
         ),
     ):
         result = run(1, 1.01 * share)

@@ -101,7 +101,7 @@ def test_a_stall_is_told_and_a_factor_takes_over(
     monkeypatch.setattr(multigrid, "MULTIGRID", replace(multigrid.MULTIGRID, max_iterations=4))
     direct, iterative = pair(comm, dimension)
     x = holes(direct.domain)
-    with pytest.warns(UserWarning, match=r"stalls .* in 4 iterations.* goes on with a factor"):
+    with pytest.warns(UserWarning, match=r"stalls .* in 4 iterations.* continues with a factor"):
         frequencies = iterative.reduce(x).basis.frequencies
     assert_allclose(frequencies, direct.reduce(x).basis.frequencies, rtol=1e-9)
     with warnings.catch_warnings():  # told once
