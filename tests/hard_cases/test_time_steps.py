@@ -231,8 +231,8 @@ def test_an_accuracy_that_is_asked_for_is_got_or_the_error_is_told(case: int) ->
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         chosen = problem.with_steps(choice)
-    found = numbers(scene, integrate(scene.mechanism, scene.bodies, chosen.integrator))
-    error = float(np.max(np.abs(found / resolved(scene, tolerance) - 1.0)))
+    computed = numbers(scene, integrate(scene.mechanism, scene.bodies, chosen.integrator))
+    error = float(np.max(np.abs(computed / resolved(scene, tolerance) - 1.0)))
     assert choice.met == (case != 32)
     if choice.met:
         assert not caught and error <= tolerance

@@ -405,20 +405,20 @@ class DesignLoop:
         # the earlier run may have approximated its gradient, or this one may begin to do so
         if (set(earlier_columns) ^ set(columns)) - set(GRADIENT_COLUMNS):
             raise self.checkpoint.of_another_problem(
-                "it differs in the names of bodies, load cases or constraints"
+                "the names of its bodies, load cases or constraints differ"
             )
         if not abs(evaluation.psi - earlier_psi) <= SAME_PSI * abs(earlier_psi):
             raise self.checkpoint.of_another_problem(
-                f"psi of its design was {earlier_psi:.8g} and is {evaluation.psi:.8g} here"
+                f"psi of its design was {earlier_psi:.8g}, and is {evaluation.psi:.8g} in this run"
             )
         columns += [name for name in earlier_columns if name not in columns]
         rows = [{name: row.get(name, NAN) for name in columns} for row in self.rows]
         self.history.columns, self.history.rows = columns, rows
         if self._other_start:
             warn(
-                f"optimize: the run continues from the checkpoint {self.checkpoint.path}, and the "
-                "start that is given is not the one that it began with, so it is not used. Leave "
-                "resume out, or write into another folder, to begin with it"
+                f"optimize: the run continues from the checkpoint {self.checkpoint.path} and "
+                "ignores the start, which differs from the start of that run; to use it, leave "
+                "resume out, or write into another folder"
             )
         self._began = perf_counter() - self.rows[-1]["seconds"]
         self.run.advance(int(self.rows[-1]["iteration"]))
@@ -612,7 +612,7 @@ class DesignLoop:
             if gray > GRAY:
                 warn(
                     f"optimize: {100.0 * gray:.0f} % of {name!r} is gray, neither void nor solid, "
-                    f"and no part can be cut out of that: {remedy}"
+                    f"and does not make a part: {remedy}"
                 )
         history = self.history.arrays()
         return Result(

@@ -252,8 +252,8 @@ def _checked(
     given_volume = all_sized and volume != _VOLUME
     if sizing and (given_volume or gradient or not isinstance(optimizer, MMA | None)):
         raise ValueError(
-            "optimize: dimensions take MMA, the exact gradient, and no volume; bound the "
-            "material by a constraint, ffr.Constraint(ffr.Mass(name), upper=...)"
+            "optimize: a design by dimensions needs MMA, the exact gradient, and no volume; bound "
+            "the material by a constraint, ffr.Constraint(ffr.Mass(name), upper=...)"
         )
     designs = _by_body(*(sizing or (problem, design)))
     tuned = [d for d in designs.values() if isinstance(d, ParameterDesign)]
@@ -287,7 +287,7 @@ def _checked(
         steps = default_steps(iterations)
     if steps and not (isinstance(problem, Problem) and domains):
         raise ValueError(
-            "optimize: a boundary moves after a design of densities, of a Problem; give boundary=0"
+            "optimize: only the boundary of a Problem with densities can be moved; give boundary=0"
         )
     filled = {
         name: validation.number(f"optimize: volume of {name!r}", bounds[name], above=0.0, most=1.0)
@@ -331,8 +331,8 @@ def _of_plates(
     for term in (term for objective in objectives for _, term in objective._summands()):
         if isinstance(term, PeakStress) and term.body in webs and term.relaxation:
             raise ValueError(
-                f"optimize: PeakStress({term.body!r}) counts less of the stress in a web than in "
-                "the full thickness, as in densities that are to vanish; give it relaxation=0"
+                f"optimize: PeakStress({term.body!r}) would count only a share of the stress in "
+                "the web; give it relaxation=0"
             )
     plates = {name: problem.flexible[name].with_interpolation(PLATE) for name in webs}
     return problem.with_bodies(plates)
@@ -355,13 +355,13 @@ def _with_parameters(
     for name, entry in parameters.items():
         if expected is None or not entry.fits(expected):
             raise ValueError(
-                f"optimize: {name or 'the design'!r} has the parameters {entry.names}, and the "
-                f"mechanism of the problem {'none' if expected is None else expected.names}, or "
-                "with other bounds; make it by parameters.mechanism(...)"
+                f"optimize: {name or 'the design'!r} has the parameters {entry.names}, but the "
+                f"mechanism of the problem has {'none' if expected is None else expected.names}, "
+                "or other bounds; make the mechanism by parameters.mechanism(...)"
             )
         if name in problem.bodies or len(parameters) > 1:
             raise ValueError(
-                f"optimize: parameters stand once, under a name that no body has, not as {name!r}"
+                f"optimize: give the parameters once, and not by the name of a body, {name!r}"
             )
     if not parameters:
         if expected is not None:
@@ -415,7 +415,7 @@ def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> d
         if undefended:
             warn(
                 f"optimize: no cell of {name!r} along {', '.join(map(repr, undefended))} stays "
-                "solid: the design may take all material away from there, and encloses no part "
-                "then; keep cells along each interface solid (Domain(..., solid=...))",
+                "solid, so that the design may lose all material there and enclose no part; keep "
+                "cells along each interface solid (Domain(..., solid=...))",
             )
     return by_body

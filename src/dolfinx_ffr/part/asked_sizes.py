@@ -13,7 +13,6 @@ import numpy as np
 import shapely
 
 from ..arrays import Array
-from ..fem import enclosed, polygon, walked
 from .enclosed import Enclosed
 from .options import CHECKS
 from .part import Part
@@ -82,15 +81,9 @@ def _is_beside_solid(part: Part, member: Width) -> bool:
 
 def solid_regions(part: Part) -> list[shapely.Polygon]:
     """The regions of a part that stay solid, as polygons within its accuracy [m]."""
-    regions = []
-    for face in part.drawing.faces:
-        if face.group == "solid":
-            loops = [walked(part.drawing.curves, loop) for loop in face.loops]
-            rings = [polygon(loop, part.accuracy) for loop in loops]
-            outer = int(np.argmax([enclosed(loop)[0] for loop in loops]))
-            holes = [ring for k, ring in enumerate(rings) if k != outer]
-            regions.append(shapely.Polygon(rings[outer], holes))
-    return regions
+    drawing = part.drawing
+    solid_faces = [face for face in drawing.faces if face.group == "solid"]
+    return [drawing.polygon(face.loops, part.accuracy) for face in solid_faces]
 
 
 def _gap_of_design(part: Part, gap: float) -> Width | None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count, pairwise
 
 import numpy as np
@@ -30,11 +30,6 @@ class Side:
     left: int  #: DESIGN or SOLID
     right: int  #: VOID, or SOLID right of DESIGN
     interface: int  #: Number of the interface, -1 where there is none
-
-    def reversed(self) -> Side:
-        """The same side, seen from its right."""
-        curve, nodes = self.curve.reversed(), self.nodes[::-1]
-        return replace(self, curve=curve, nodes=nodes, left=self.right, right=self.left)
 
 
 def boundary(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..fem import Curve, Drawing, Face, ShapeError, connected, directed_faces, enclosed, walked
+from ..fem import Drawing, Face, ShapeError, connected
 from .boundary import Side
 from .lattice import DESIGN, SOLID
 
@@ -42,7 +42,14 @@ def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
 
     The tolerance is that of the polygons by which holes are found in their faces [m].
     """
-    faces, moments = _faces(sides, tolerance)
+    lines = Drawing([side.curve for side in sides], [side.nodes for side in sides], [], [])
+    faces = []
+    for kind, group in _GROUPS.items():
+        beside = [(i, True) for i, side in enumerate(sides) if side.left == kind]
+        beside += [(i, False) for i, side in enumerate(sides) if side.right == kind]
+        faces += [Face(group, loops) for loops in lines.faces_beside(beside, tolerance)]
+    moments = [lines.moments(face.loops) for face in faces]
+
     faces_at: dict[int, list[int]] = {}  # by the number of a side
     for number, face in enumerate(faces):
         for loop in face.loops:
@@ -60,51 +67,6 @@ def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
         center = np.array(moment) / area
         result.append(Piece(bounds, [faces[f] for f in members], interfaces, area, center))
     return sorted(result, key=lambda piece: -piece.area)
-
-
-def _faces(sides: Sequence[Side], tolerance: float) -> tuple[list[Face], list[Array]]:
-    """The faces between sides, and the area and the first moments of each, (3,)."""
-    faces, moments = [], []
-    for kind, group in _GROUPS.items():
-        forward = [i for i, side in enumerate(sides) if side.left == kind]
-        backward = [i for i, side in enumerate(sides) if side.right == kind]
-        numbers = [(i, True) for i in forward] + [(i, False) for i in backward]
-        directed = [sides[i] for i in forward] + [sides[i].reversed() for i in backward]
-        for loops in _directed(directed, tolerance):
-            faces.append(Face(group, [[numbers[i] for i in loop] for loop in loops]))
-            areas = [enclosed([directed[i].curve for i in loop]) for loop in loops]
-            moments.append(np.sum(areas, axis=0))
-    return faces, moments
-
-
-def _directed(sides: Sequence[Side], tolerance: float) -> list[list[list[int]]]:
-    """The faces on the left of directed sides, by the numbers of these along each loop."""
-    curves = [side.curve for side in sides]
-    return directed_faces(curves, [side.nodes for side in sides], tolerance)
-
-
-def outlines(
-    drawing: Drawing, faces: Sequence[Face], tolerance: float
-) -> list[list[list[tuple[Curve, str]]]]:
-    """The boundary of some faces of a drawing together: for each piece the outer loop, then holes.
-
-    Loops are of curves with their groups, the faces on the left. The tolerance is that of the
-    polygons by which holes are found in pieces [m].
-    """
-    sides = outer_sides(faces)
-    curves = walked(drawing.curves, sides)
-    nodes = [drawing.nodes[i] if forward else drawing.nodes[i][::-1] for i, forward in sides]
-    return [
-        [[(curves[k], drawing.groups[sides[k][0]]) for k in loop] for loop in loops]
-        for loops in directed_faces(curves, nodes, tolerance)
-    ]
-
-
-def outer_sides(faces: Sequence[Face]) -> list[tuple[int, bool]]:
-    """The sides that bound one of some faces alone; forward where it is on the left."""
-    around = [side for face in faces for loop in face.loops for side in loop]
-    walked_both_ways = set(around)
-    return [(i, forward) for i, forward in around if (i, not forward) not in walked_both_ways]
 
 
 def drawing(sides: Sequence[Side], pieces: Sequence[Piece], names: Sequence[str]) -> Drawing:

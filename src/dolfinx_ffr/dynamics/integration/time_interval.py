@@ -11,7 +11,7 @@ from .accuracy import ACCURACY
 
 @dataclass(frozen=True)
 class TimeInterval:
-    """Time interval of a simulation, and the error of psi that its steps may make.
+    """The simulated time, and the error of psi that the time steps may cause.
 
     In place of an integrator it leaves method and steps to :class:`Problem` and
     :class:`MechanicalProblem`. The objective and all bounded objectives are computed by two methods
