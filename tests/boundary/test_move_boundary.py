@@ -562,7 +562,7 @@ def test_steps_go_on_where_they_were_ended(
     """
     domain = ffr.Domain.rectangle(MPI.COMM_WORLD, 0.4, 0.04, elements=(40, 4))
     problem = reference_problem(domain.comm, domain=domain, steps=60, modes=3)
-    options = {"volume": 0.6, "iterations": 2, "progress": False, "output": shared_tmp_path}
+    options = {"volume": 0.6, "iterations": 4, "progress": False, "output": shared_tmp_path}
 
     def run(**others: Any) -> BoundaryResult:
         result = ffr.optimize(problem, ffr.LevelSet(domain), **options, boundary=3, **others)

@@ -238,7 +238,7 @@ def test_sizing(comm: MPI.Intracomm) -> None:
         limit = ffr.Constraint(ffr.Mass("rod"), upper=0.75)
         problem = machine(dimension_design.domain(on), constraints=[limit])
         return ffr.optimize(
-            problem, dimension_design, iterations=6, progress=False, mode_tolerance=None
+            problem, dimension_design, iterations=4, progress=False, mode_tolerance=None
         )
 
     result = run(comm)
@@ -290,7 +290,7 @@ def test_dimensions_of_one_body_beside_densities_of_another() -> None:
     problem = ffr.Problem(bodies, mechanism, steps, objective, [limit])
     designs = {"rod": dimension_design, "link": ffr.LevelSet(link)}
     options: dict[str, Any] = {"volume": 0.7, "progress": False, "mode_tolerance": None}
-    result = ffr.optimize(problem, designs, iterations=10, boundary=1, **options)
+    result = ffr.optimize(problem, designs, iterations=6, boundary=1, **options)
     history = result.history
     assert history["psi"][-1] < 0.5 * history["psi"][0] and result.feasible
     assert np.all(np.ptp([history[f"rod: {name}"] for name in BOUNDS], axis=1) > 0.0)

@@ -145,11 +145,14 @@ TOOTHED = {
 
 
 def linked(**p: float) -> ffr.Mechanism:
-    """A bar in the plane whose line runs through a point, on a strut and a spring."""
+    """A bar in the plane that a spindle of its own drives along a line, on a strut and a spring."""
+    motion = ffr.Motion.polynomial([0.1, 0.3])
     return ffr.Mechanism(
         {"arm": ffr.Placement((0.3, 0.0), angular_velocity=p["spin"])},
         [
-            ffr.PointOnLine(ffr.Ground((0.0, p["height"])), ("arm", "pin"), (1.0, p["slope"])),
+            ffr.LinearDrive(
+                ffr.Ground((0.1, p["height"])), ("arm", "pin"), motion, (1.0, p["slope"])
+            ),
             ffr.Distance(END, ffr.Ground((0.5, 0.6)), p["strut"], name="strut"),
         ],
         gravity=(0.0, -9.81),
