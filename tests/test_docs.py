@@ -40,14 +40,14 @@ SHORTER = [
 
 def programs(page: Path) -> list[tuple[str, str]]:
     """The heading and the text of each program of a page."""
-    heading, found = "", []
+    heading, computed = "", []
     pattern = re.compile(r"^##+ ([^\n]+)$|^```python\n(.*?)^```", re.M | re.S)
     for match in pattern.finditer(page.read_text()):
         if match.group(1):
             heading = match.group(1)
         else:
-            found.append((heading, match.group(2)))
-    return found
+            computed.append((heading, match.group(2)))
+    return computed
 
 
 def shorter(program: str) -> str:

@@ -135,7 +135,7 @@ def test_sum_scale_and_inner_product(space: bool) -> None:
     assert a.leading(1).modes == 1
     second = "P" if space else "G"
     np.testing.assert_array_equal(getattr(a.leading(1), second), getattr(a, second)[:2, :2])
-    with pytest.raises(ValueError, match=r"different markers: \['.*'\]"):
+    with pytest.raises(ValueError, match=r"different markers cannot be combined"):
         _ = a + replace(b, markers={})
 
 
@@ -251,8 +251,8 @@ def test_invalid_body_is_not_saved(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"mass": None}, r"keys \['mass'\] are missing, there are \['G', 'K', 'N', 'S'"),
-        ({"K": None}, r"S has shape \(4, 2\), that of an elastic body; give its stiffness K"),
+        ({"mass": None}, r"keys \['mass'\] are missing; the file has \['G', 'K', 'N', 'S'"),
+        ({"K": None}, r"S has shape \(4, 2\) of an elastic body, but its stiffness is missing"),
         ({"marker_rotations": None}, r"keys \['marker_rotations'\] are missing"),
         ({"stiffness": np.eye(3)}, r"unknown keys \['stiffness'\]; the keys are \['mass', 'S'"),
         ({"S": np.zeros((3, 2))}, r"S must have shape \(4, 2\) .* but it has shape \(3, 2"),
@@ -320,7 +320,7 @@ def test_archives_that_promise_more_than_they_can_hold(monkeypatch: pytest.Monke
     zeros = packed(zeros=np.zeros(10**5))
     np.testing.assert_array_equal(archive.Archive.of(zeros).read()["zeros"], np.zeros(10**5))
     with pytest.raises(
-        ValueError, match=r"promises 800,000 bytes, more than its own, [0-9,]{3,5} bytes"
+        ValueError, match=r"need 800,000 bytes, more than the file itself has, [0-9,]{3,5} b"
     ):
         archive.Archive.of(zeros, packed=False)
     with pytest.raises(ValueError, match="holds objects of Python, which are never read"):
@@ -331,7 +331,7 @@ def test_archives_that_promise_more_than_they_can_hold(monkeypatch: pytest.Monke
     with pytest.raises(ValueError, match="has another size than its shape"):
         archive.Archive.of(raw.getvalue().replace(head, head.replace(b"1", b"9")))
     monkeypatch.setattr(archive, "available_memory", lambda: 799_999)
-    with pytest.raises(ValueError, match="promises 800,000 bytes, more than the memory"):
+    with pytest.raises(ValueError, match="need 800,000 bytes, more than the free memory"):
         archive.Archive.of(zeros)
 
 
@@ -385,8 +385,8 @@ def test_arrays_refused() -> None:
     for arguments, options, message in refused:
         with pytest.raises(ValueError, match=message):
             given(*arguments, **options)
-    found = given(1, [[0, 0]], **disc, markers={"a": [1, 2]})
-    np.testing.assert_array_equal(found.markers["a"].position, [1.0, 2.0])
+    computed = given(1, [[0, 0]], **disc, markers={"a": [1, 2]})
+    np.testing.assert_array_equal(computed.markers["a"].position, [1.0, 2.0])
     with pytest.raises(ValueError, match="read-only"):
         body.G[0, 0] = 1.0
 

@@ -41,7 +41,7 @@ class Slices(ffr.design.Design):
 
 
 @pytest.mark.mpi
-@pytest.mark.filterwarnings("ignore:no part comes of the design")  # as gray as its six variables
+@pytest.mark.filterwarnings("ignore:no part can be made of the design")  # gray
 def test_slices(comm: MPI.Intracomm) -> None:
     """Its way back is the transpose; moving asymptotes lower psi with it below the volume."""
     problem = slider_crank(comm, (20, 4), modes=2, steps=100)

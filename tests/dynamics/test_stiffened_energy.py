@@ -53,23 +53,6 @@ def pendulum(mass: float) -> ffr.Mechanism:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tangent", [True, False], ids=["tangent", "chord"])
-@pytest.mark.parametrize(("young", "mass"), [(1e9, 0.2), (2e7, 0.0)], ids=["mass", "inertia"])
-def test_energy_of_a_falling_bar(young: float, mass: float, tangent: bool) -> None:
-    """The error of the energy falls with the method's order, from a few steps to very many."""
-    counts = np.array([1500, 6000, 24000] if tangent else [1500, 6000])
-    errors = []
-    for count in counts:
-        integrator = ffr.GeneralizedAlpha(1.0, int(count))
-        t = ffr.simulate(pendulum(mass), {"bar": bar(tangent, young)}, integrator)
-        kinetic = t.kinetic_energy("bar")
-        energy = kinetic + t.strain_energy("bar") + t.potential_energy("bar")
-        errors.append(float(np.max(np.abs(energy - energy[0])) / np.max(kinetic)))
-    assert errors[1] < 3e-7
-    assert convergence_order(1.0 / counts, errors) > 1.8
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("mass", [0.0, 0.05])
 @pytest.mark.parametrize("young", [8e7, 2e7])
 def test_frames_agree_to_the_square_of_the_deflection(mass: float, young: float) -> None:
@@ -126,10 +109,9 @@ def random_model(space: bool) -> FlatModel:
 
 
 @pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
-@pytest.mark.parametrize("seed", range(3))
-def test_mass_matrix(space: bool, seed: int) -> None:
+def test_mass_matrix(space: bool) -> None:
     """Symmetric and positive for deformations of any size, and that of the kinetic energy."""
-    model, rng = random_model(space), np.random.default_rng(seed)
+    model, rng = random_model(space), np.random.default_rng(0)
     coordinates = model.coordinates("bar")
     for size in (0.01, 0.1, 1.0):
         y, v = rng.standard_normal((2, model.size))

@@ -37,9 +37,7 @@ def refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., No
     return demand
 
 
-@pytest.mark.parametrize(
-    "name", ["rod.msh", "rod.geo", "rod", "rod.py", "rod.opt", "rod.pos", "rod.step", "rod.brep"]
-)
+@pytest.mark.parametrize("name", ["rod.msh", "rod.geo", "rod", "rod.step"])
 def test_programs_of_gmsh_are_not_executed(refused: Callable[..., None], name: str) -> None:
     refused(name, PROGRAM, "begins with 'SystemCall .*execute such a file as a program")
 
@@ -47,11 +45,9 @@ def test_programs_of_gmsh_are_not_executed(refused: Callable[..., None], name: s
 #: Name, content, message
 NO_MESHES = {
     "gzip": ("rod.msh.gz", gzip.compress(strip()), r"compressed by gzip; unpack it \(gunzip\)"),
-    "gzip by another name": ("rod.msh", gzip.compress(PROGRAM), "compressed by gzip"),
     "a name for the shell": ("rod; touch executed; .gz", PROGRAM, "begins with"),
     "STEP": ("rod.step", b"ISO-10303-21;\nHEADER;\n", "a STEP file, a geometry without a mesh"),
     "BREP": ("rod.brep", b"DBRep_DrawableShape\n", "a BREP file"),
-    "an empty line": ("rod.msh", b"\n" + strip(), "begins with ''"),
     "format 1": ("rod.msh", b"$NOD\n1\n1 0 0 0\n$ENDNOD\n", "a mesh in format 1"),
     "comments": ("rod.msh", b"$Comments\nx\n$EndComments\n" + strip(), "begins with"),
     "the head alone": ("rod.msh", b"$MeshFormat\n" + PROGRAM, "only the formats 2 and 4"),

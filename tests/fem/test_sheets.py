@@ -120,7 +120,7 @@ def test_one_of_several_parts_on_a_sheet(comm: MPI.Comm, shared_tmp_path: Path) 
     assert body.area == pytest.approx(PLATE, rel=1e-4)
     np.testing.assert_allclose(body.interfaces["pin"].center, [0.02, 0.01], atol=1e-9)
     np.testing.assert_allclose(body.interfaces["wall"].center, [0.0, 0.01], atol=1e-9)
-    for inside, interfaces, said in (
+    for inside, interfaces, message in (
         ((0.5, 0.5), ENDS, r"no closed curve lies around inside = \(500, 500\) mm"),
         ((0.2, 0.01), ENDS, "closed curves of the outline cross or touch"),  # in the frame
         (
@@ -134,17 +134,17 @@ def test_one_of_several_parts_on_a_sheet(comm: MPI.Comm, shared_tmp_path: Path) 
             "'a' and 'b' overlap: they have a curve in common",
         ),
     ):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             Domain.from_outline(comm, path, interfaces=interfaces, size=0.004, inside=inside)
 
 
 def test_curves_that_meet_the_chosen_part_are_refused(tmp_path: Path) -> None:
-    for other, said in (
+    for other, message in (
         (lambda space: space.add_line((40, 5), (60, 5)), "the outline is open: 2 curves"),
         (lambda space: space.add_circle((100, 10), 4), "cross or touch"),
     ):
         path = drawn(tmp_path / "plate.dxf", lambda _, space, o=other: (plate(space), o(space)))
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             area(path, inside=np.array([0.05, 0.01]))
 
 
@@ -240,12 +240,12 @@ DAMAGED = [
 ]
 
 
-@pytest.mark.parametrize(("draw", "said"), DAMAGED)
+@pytest.mark.parametrize(("draw", "message"), DAMAGED)
 def test_damaged_numbers_and_paper_space(
-    tmp_path: Path, draw: Callable[[Any, Any], object], said: str
+    tmp_path: Path, draw: Callable[[Any, Any], object], message: str
 ) -> None:
     path = drawn(tmp_path / "plate.dxf", draw)
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         area(path)
 
 

@@ -345,7 +345,7 @@ def test_frequencies_of_a_beam() -> None:
     length, speed = 0.4, np.sqrt(2.1e11 / 7850.0) * 0.01 / np.sqrt(12.0)
     size = {"height": 0.01, "elements": 10, "modes": 25}
     clamped, floating = (beam(length, frame=frame, **size) for frame in ("tangent", "free"))
-    for found, root in (
+    for computed, root in (
         (frequency(clamped), 1.87510406871196),
         (frequency(clamped, 2), 4.69409113297417),
         (frequency(floating), 4.73004074486270),
@@ -353,7 +353,7 @@ def test_frequencies_of_a_beam() -> None:
         (frequency(clamped, pinned=["right"]), 3.92660231204792),
         (frequency(clamped, point_masses=True), tip_root(0.3 / clamped.mass)),
     ):
-        assert found == pytest.approx((root / length) ** 2 * speed / (2 * np.pi), rel=1e-4)
+        assert computed == pytest.approx((root / length) ** 2 * speed / (2 * np.pi), rel=1e-4)
     tangent, chord = (beam(frame=frame, elements=3, modes=9) for frame in ("tangent", "chord"))
     for number in range(1, 6):
         expected = pytest.approx(frequency(chord, number, free=True), rel=1e-9)
@@ -427,8 +427,8 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
             ffr.Frequency("rocker", number=2, cluster=2),
             "2 elastic coordinates, too few for .* 2 to 3",
         ),
-        (ffr.Frequency("crank"), "'crank' is rigid, and has none"),
-        (ffr.Frequency("rocker", point_masses=True), "does not say what point masses there are"),
+        (ffr.Frequency("crank"), "'crank' is rigid and has no frequency"),
+        (ffr.Frequency("rocker", point_masses=True), "does not contain the point masses"),
         (ffr.Frequency("rocker", pinned=["tip"]), "marker 'tip', but the markers of body 'rocker'"),
         (ffr.Frequency("rocker", pinned=["middle", "right"]), "besides those that its pins hold"),
         (
@@ -467,9 +467,9 @@ def test_refused_with_the_names_that_exist(
         (lambda: ffr.PeakCompliance(weights={"rod": -1.0}), "'rod' must not be negative"),
         (lambda: ffr.JointForce("pin", power=1.0), "with a power of 1 the mean has a kink"),
         (lambda: ffr.JointForce("pin", window=(1.0, 1.0)), "begin < end"),
-        (lambda: ffr.JointForce(("pin", "pin")), "one name or different ones"),
+        (lambda: ffr.JointForce(("pin", "pin")), "one joint, or different names"),
         (lambda: ffr.JointForce(("pin", "hub"), moment=True), "do not add up"),
-        (lambda: ffr.Frequency("rod", free=True, pinned=["left"]), "a free body is pinned nowhere"),
+        (lambda: ffr.Frequency("rod", free=True, pinned=["left"]), "either free or pinned"),
         (lambda: DriveWork("pin", recovered=1.5), "recovered must lie between -1 and 1"),
         (lambda: DriveWork("pin", rounding=0.0), "rounding must be positive"),
         (lambda: ffr.Constraint(ffr.Mass("rod")), "'Mass' needs either an upper or a lower bound"),

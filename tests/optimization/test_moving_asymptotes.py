@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 
 from dolfinx_ffr.optimization.moving_asymptotes import Asymptotes, Secants, _Subproblem
+from dolfinx_ffr.verification import convergence_order
 
 #: Values f_0 ... f_m and their gradients, shape (1 + m, n)
 Functions = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -57,7 +59,7 @@ def test_several_active_constraints_beside_another_method() -> None:
     """SLSQP finds the same, and the multipliers fulfil the conditions of Karush and others."""
     start = [4.0, 3.0, 2.0]
     x, multipliers = run(spheres, start, 0.0, 5.0, 60, move=0.3)
-    found = minimize(
+    result = minimize(
         lambda y: spheres(y)[0][0],
         start,
         method="SLSQP",
@@ -65,7 +67,7 @@ def test_several_active_constraints_beside_another_method() -> None:
         constraints=[{"type": "ineq", "fun": lambda y: -spheres(y)[0][1:]}],
         options={"ftol": 1e-14},
     )
-    assert x == pytest.approx(found.x, abs=1e-4)
+    assert x == pytest.approx(result.x, abs=1e-4)
     values, slopes = spheres(x)
     assert values[1:] == pytest.approx([0.0, 0.0], abs=1e-4)
     assert np.all(multipliers > 0.1)
@@ -183,6 +185,20 @@ def test_secants_are_the_second_derivatives_of_separable_functions() -> None:
     linear = secants.gradients + np.array([[0.0, 1.0, 0.0]])
     assert secants.next(third, linear).curvature == pytest.approx(np.array([[1.25, 2.0, 2.75]]))
     assert secants.next(second, linear) is secants  # a step was taken back
+
+
+def test_steps_with_second_derivatives_are_those_of_newton() -> None:
+    """Of a separable quadratic function a step leaves the cube of its length."""
+    minimum, curvature = np.array([0.5, 0.4, 0.6]), np.array([2.0, 3.0, 4.0])
+    distances, errors = np.array([0.08, 0.04, 0.02]), []
+    for distance in distances:
+        x = minimum + distance * np.array([1.0, -1.0, 0.5])
+        slope, earlier = curvature * (x - minimum), curvature * (x + 0.01 - minimum)
+        secants = Secants.begin(x + 0.01, earlier[None]).next(x, slope[None])
+        state = replace(Asymptotes(np.zeros(3), np.ones(3), x, 1.0), secants=secants)
+        after, _ = state.step(slope, np.zeros(0), np.zeros((0, 3)))
+        errors.append(np.max(np.abs(after.x - minimum)))
+    assert convergence_order(distances, errors) == pytest.approx(3.0, abs=0.1)
 
 
 def test_what_can_still_be_gained_is_nothing_at_the_optimum() -> None:

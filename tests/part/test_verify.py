@@ -15,11 +15,8 @@ from shared.problems import four_bar, slider_crank, three_load_cases
 from spatial_slider_crank import spatial_problem
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.files import file_names
 from dolfinx_ffr.part import ball_widths
-from dolfinx_ffr.plotting import plot_part
 from dolfinx_ffr.reduction import flexible_body
-from dolfinx_ffr.report.folder import Folder
 
 
 def strip(p: np.ndarray) -> np.ndarray:
@@ -254,9 +251,9 @@ def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
     scene = slider_crank(comm, domain=body, modes=2, steps=200)
     peak, x = ffr.PeakStress("rod"), on_cells(body, strip)
     problem = ffr.Problem(scene.bodies, scene.mechanism, scene.integrator, peak)
-    told = problem.calibrated(problem.value(x))[1].psi
+    reported = problem.calibrated(problem.value(x))[1].psi
     limits = [
-        ffr.Constraint(peak, upper=1.1 * told, name="stress"),
+        ffr.Constraint(peak, upper=1.1 * reported, name="stress"),
         ffr.Constraint(2.0 * peak + ffr.Mass("rod"), upper=1.0, name="sum"),
     ]
     load_cases = {
@@ -269,33 +266,35 @@ def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
     ):
         with pytest.warns(ffr.PartWarning) as warned:
             part = part_of(problem, strip)
-            found = part.verify(problem, problem.value(x), most=2, tolerance=1e-12)
-        finest = found.fitted[-1]
+            computed = part.verify(problem, problem.value(x), most=2, tolerance=1e-12)
+        finest = computed.fitted[-1]
         stress = finest.bodies["rod"].stress
-        assert stress is not None and stress > 1.3 * told
+        assert stress is not None and stress > 1.3 * reported
         message = (
-            f"largest stress of 'rod' {told / 1e6:.4g} MPa, of the part {stress / 1e6:.4g} MPa"
+            f"largest stress of 'rod' {reported / 1e6:.4g} MPa, of the part {stress / 1e6:.4g} MPa"
         )
-        assert message in found.differences and message in found.record()["differences"]
+        assert message in computed.differences and message in computed.record()["differences"]
         assert any(message in str(each.message) for each in warned)
-        assert found.reported.psi == pytest.approx(told, rel=1e-6)
-        assert found.psi == pytest.approx(stress, rel=1e-9)
+        assert computed.reported.psi == pytest.approx(reported, rel=1e-6)
+        assert computed.psi == pytest.approx(stress, rel=1e-9)
         for name, value in finest.constraints.items():
             exact = stress if "stress" in name else 2.0 * stress + finest.bodies["rod"].mass
             assert value == pytest.approx(exact, rel=1e-9)
             limit = problem.constraints[list(finest.constraints).index(name)].bound
-            numbers = f"{found.reported.constraints[name]:.4g} of the design, {value:.4g} of "
+            numbers = f"{computed.reported.constraints[name]:.4g} of the design, {value:.4g} of "
             numbers += f"the part, at most {limit:.4g}"
             messages = [str(each.message) for each in warned if repr(name) in str(each.message)]
             assert len(messages) == 1 and numbers in messages[0]
-            assert f"constraint {name}: " in found.summary()
-            assert f"at most {limit:.4g}" in found.summary()
-        assert found.record()["violations"] == pytest.approx(found.violations)
-        assert set(found.violations) == set(finest.constraints)
+            assert f"constraint {name}: " in computed.summary()
+            assert f"at most {limit:.4g}" in computed.summary()
+        assert computed.record()["violations"] == pytest.approx(computed.violations)
+        assert set(computed.violations) == set(finest.constraints)
         # bounds that are exceeded by less than they changed are not decided
-        assert found.decided
+        assert computed.decided
         barely = dataclasses.replace(finest, excesses=dict.fromkeys(finest.excesses, 1e-3))
-        unsure = dataclasses.replace(found, fitted=[*found.fitted[:-1], barely], tolerance=2e-3)
+        unsure = dataclasses.replace(
+            computed, fitted=[*computed.fitted[:-1], barely], tolerance=2e-3
+        )
         assert not unsure.decided
 
 
@@ -309,35 +308,6 @@ def test_a_part_of_more_volume_than_is_allowed(comm: MPI.Comm) -> None:
     assert verification.violations == pytest.approx({"volume of rod": 0.25})
     assert narrower.violations == verification.violations and not narrower.summary()["feasible"]
     assert result.bounds == {"rod": 1.0} and result.feasible
-
-
-def test_bodies_whose_names_are_no_file_names(comm: MPI.Comm, shared_tmp_path: Path) -> None:
-    """None is lost, and none is written outside of the folder; the report finds each."""
-    scene = slider_crank(comm, (10, 2), modes=1, steps=200)
-    names = ["link 1", "link_1", "../out", str(shared_tmp_path / "abs")]
-    part, x = part_of(scene), solid(scene)
-    evaluation, design = scene.value(x), ffr.DensityDesign(part.body)
-    kept, designs = dict.fromkeys(names, x["rod"]), dict.fromkeys(names, design)
-    result = ffr.Result(kept, {}, evaluation, {}, "iterations", designs, scene)
-    result._parts.update(dict.fromkeys(names, part))
-    folder = shared_tmp_path / "folder"
-    with pytest.warns(
-        ffr.DesignWarning, match="no part comes of the design of .*: verify: parts for"
-    ):
-        assert result.finish(folder) is None
-    places = {name: folder / file_name for name, file_name in file_names(names).items()}
-    for place in places.values():
-        part.write(place)
-        plot_part(part, place / "part.png")
-    comm.Barrier()
-    assert sorted(p.name for p in folder.iterdir()) == sorted(
-        ["link_1", "link_1-2", "___out", places[names[-1]].name]
-    )
-    assert [p.name for p in shared_tmp_path.iterdir()] == ["folder"]
-    record = {"volume": dict.fromkeys(names, 1.0)}
-    pictures = Folder(folder, record, {}).pictures_of_bodies()
-    captions = [picture.caption.partition(":")[0] for picture in pictures]
-    assert captions == [place.name for place in places.values()]
 
 
 @pytest.mark.mpi

@@ -552,7 +552,7 @@ def test_bad_input_is_refused_on_every_rank(
     part = ffr.Part(domain, lambda p: np.ones(len(p)))
     for message, call in (
         (r"columns \['iteration'\]", lambda: plot_history({"iteration": [1.0]}, png)),
-        ("must have a line", lambda: plot_history({"psi": []}, png)),
+        ("needs a line", lambda: plot_history({"psi": []}, png)),
         ("the kind '.bmp' is not known", lambda: plot_part(part, png.with_suffix(".bmp"))),
         ("time = 7.0 s lies", lambda: plot_scene(*both, png, time=7.0)),
     ):

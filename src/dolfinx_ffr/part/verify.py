@@ -43,7 +43,7 @@ VERIFICATION = VerificationOptions()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verification:
-    """The figures of a design as reported, and of its parts on finer and finer meshes.
+    """The figures of a design, and of its parts on finer and finer meshes.
 
     Largest stresses are known of the design and of the parts on their finest mesh.
 
