@@ -35,8 +35,7 @@ class Findings:
 
     pieces: int  #: Number of connected pieces
     lost_interfaces: list[str]  #: Interfaces without material
-    loose_warning: str  #: Says that loose pieces are left out; empty if there are none
-    warnings: list[str]  #: All other warnings
+    warnings: list[PartWarning]  #: What a user must know, loose pieces first
 
 
 class Enclosed(Shown, ABC):
@@ -107,15 +106,12 @@ class Enclosed(Shown, ABC):
     @property
     def warnings(self) -> list[str]:
         """The warnings that it was made with."""
-        loose = self._findings.loose_warning
-        return ([loose] if loose else []) + self._findings.warnings
+        return [str(warning) for warning in self._findings.warnings]
 
     def _warn(self) -> None:
         """Issue all warnings at the line that makes the part or the solid."""
-        for text in self.warnings:
-            is_loose = text == self._findings.loose_warning
-            category = LoosePieceWarning if is_loose else PartWarning
-            warnings.warn(f"{self.kind}: {text}", category, stacklevel=3)
+        for warning in self._findings.warnings:
+            warnings.warn(f"{self.kind}: {warning}", type(warning), stacklevel=3)
 
     @property
     def lost_interfaces(self) -> list[str]:
