@@ -164,13 +164,13 @@ class _Visible:
                     )
                 if entity.has_extension_dict and "ACAD_FILTER" in entity.get_extension_dict():
                     raise ValueError(
-                        f"outline {self.path}: an insert of the block {name!r} is clipped, of "
-                        "which nothing is known here; explode it, and trim its curves"
+                        f"outline {self.path}: an insert of the block {name!r} is clipped, which "
+                        "is not supported; explode it, and trim its curves"
                     )
                 if name.lower() in above:
                     raise ValueError(
-                        f"outline {self.path}: the block {name!r} holds itself; delete the insert "
-                        "in it, or explode it"
+                        f"outline {self.path}: the block {name!r} contains itself; delete the "
+                        "insert in it, or explode it"
                     )
                 if name.lower() not in counts:
                     counts[name.lower()] = curves(block, (*above, name.lower()))

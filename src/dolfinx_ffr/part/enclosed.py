@@ -60,7 +60,9 @@ class Enclosed(Shown, ABC):
         self.body = validation.instance(f"{self.kind}: domain", domain, Domain, "a Domain")
         if domain.dimension != self.dimension:
             place, kind = ("space", "Solid") if domain.dimension == 3 else ("the plane", "Part")
-            raise ValueError(f"{self.kind}: the body is in {place}; {kind} is for such bodies")
+            raise ValueError(
+                f"{self.kind}: the body is in {place}; take a {kind} for bodies in {place}"
+            )
         validation.function(f"{self.kind}: field", field, "positions")
         #: Positive in the material, of positions (n, dimension) [m]
         self.field = field
@@ -127,8 +129,8 @@ class Enclosed(Shown, ABC):
         material = self._material_for("its mass")
         if not self.weighs:
             raise ValueError(
-                f"{self.kind}: its material {type(material).__name__} has no attribute density "
-                "[kg/m^3], which its mass needs"
+                f"{self.kind}: the material {type(material).__name__} needs the attribute density "
+                "[kg/m^3] for a mass"
             )
         return self.volume * float(material.density)
 
@@ -162,7 +164,7 @@ class Enclosed(Shown, ABC):
         """The material; a ValueError if there is none from which a ``quantity`` follows."""
         if self.material is None:
             raise ValueError(
-                f"{self.kind}: {quantity} is that of a material; make it with "
+                f"{self.kind}: {quantity} needs a material; make the {self.kind} with "
                 f"{type(self).__name__}(..., material=)"
             )
         return self.material

@@ -119,14 +119,14 @@ def attached(
     sentences = []
     if lost := [name for name, share in remaining.items() if share == 0.0]:
         sentences.append(
-            f"the interfaces {', '.join(map(repr, lost))} are left without material; make the "
-            "cells at them solid, or leave them out of the mechanism"
+            f"the interfaces {', '.join(map(repr, lost))} have no material; keep the cells along "
+            "them solid, or leave them out of the mechanism"
         )
     if cut := {name: share for name, share in remaining.items() if 0.0 < share < 1.0 - 1e-6}:
         listed = ", ".join(f"{100 * share:.3g} % of {name!r}" for name, share in cut.items())
         sentences.append(
-            f"of some interfaces only a share is left, {listed}; make the cells at them solid to "
-            "keep all of it"
+            f"some interfaces have lost a share of their material, {listed}; keep the cells along "
+            "them solid"
         )
     if not joined:
         _check_connected(in_part, names)

@@ -297,8 +297,8 @@ def _warnings(meeting: Array, cavities: list[Cavity], lost: list[str]) -> list[s
         ellipsis = ", ..." if len(cavities) > SOLIDS.places else ""
         warnings.append(
             f"enclosed cavities: {len(cavities)}, {volume:.3g} m^3 in all, about "
-            f"({'), ('.join(centers)}) m{ellipsis}; powder stays in them; drill a channel to each "
-            "in CAD"
+            f"({'), ('.join(centers)}) m{ellipsis}; powder stays in them: drill a channel to each "
+            "cavity in CAD"
         )
     if lost:
         warnings.append(f"the interfaces {lost} have no material; keep the cells along them solid")
