@@ -113,10 +113,10 @@ REFUSED: list[tuple[Joint | AppliedForce, str]] = [
     (ffr.Gear(A, B, -2.0), "centres of the wheels lie on one axis .* an AngleCoupling couples"),
     (
         ffr.PrescribedAngle(A, STILL, B, axis=DOWN),
-        r"count about the axis \(0, 0, 1\); give this one",
+        r"count about the axis \(0, 0, 1\); give this axis",
     ),
     (Own(Row(RowKind.DOT, (X, Y))), "a row DOT of these vectors.* exists in space only"),
-    (Own(Row(RowKind.POINT, ENDS, (0.6, 0.8, 0.0))), "in the plane there are POINT along x or y"),
+    (Own(Row(RowKind.POINT, ENDS, (0.6, 0.8, 0.0))), "in the plane take POINT along x or y"),
     (Own(Row(RowKind.PLANE, (*ENDS, Z))), "a row PLANE of these"),
     (Own(Row(RowKind.DISTANCE, (X, Y))), "a row DISTANCE of these"),
     (
@@ -124,7 +124,7 @@ REFUSED: list[tuple[Joint | AppliedForce, str]] = [
         "a row GEAR",
     ),
     (OwnForce(Element((SpringRow(Row(RowKind.PLANE, (*ENDS, Z)), 1.0, 0.0),))), "a row PLANE of"),
-    (OwnForce(Element(loads=(Load(point(A), ASIDE, (X, Y, Z)),))), "axes of a force are"),
+    (OwnForce(Element(loads=(Load(point(A), ASIDE, (X, Y, Z)),))), "axes of its own marker"),
     (OwnForce(Element(loads=(Load(BodyVector(A, VectorKind.SPIN), ASIDE),))), "about z"),
     (ffr.Force(A, z=1.0), "there is no axis z in the plane"),
     (ffr.PrescribedPosition(A, "z", STILL), "no axis z in the plane"),

@@ -128,8 +128,9 @@ class Elasticity:
             self._factors = [ufl.as_ufl(k) for k in interpolation.on(domain.mesh, self._density)]
             if not all(map(is_cellwise_constant, self._factors)):
                 raise ValueError(
-                    "body: the factors of the interpolation vary within cells; what varies there "
-                    "belongs to the material"
+                    "body: the factors of the interpolation vary within cells; give an "
+                    "interpolation that depends on the density alone, and put other variation "
+                    "into the material"
                 )
             stiffness = self._stiffness_density(u, v) * dx
             mass = self._mass_density(u, v) * dx
@@ -566,9 +567,8 @@ def warn_of_thickness(domain: Domain, material: ElasticMaterial) -> None:
     if thickness > thickest * extent and not (material.out_of_plane and thickness == 1.0):
         warnings.warn(
             f"body: the thickness {thickness:g} m of {name} is {thickness / extent:.3g} times the "
-            f"extent of the body in its plane, {extent:.3g} m: are density and thickness in the "
-            f"wrong order, which is {name}(young, poisson, density, thickness), or in other units "
-            "than the mesh?",
+            f"extent of the body in its plane, {extent:.3g} m: check the order of density and "
+            f"thickness, {name}(young, poisson, density, thickness), and the units of the mesh",
             stacklevel=4,
         )
 

@@ -43,9 +43,9 @@ def refuse_zero(kind: str, values: Array, cells: Integers) -> None:
     """Refuse values (points,) that are zero all over designed cells (cells, corners)."""
     if count := int(np.count_nonzero(np.all(values[cells] == 0.0, axis=1))):
         raise ShapeError(
-            f"{kind}: the field is zero all over {count} of {len(cells)} cells of the lattice, and "
-            "says neither material nor void there; give a field that is positive in material and "
-            "negative in void, as density - 0.5"
+            f"{kind}: the field is zero all over {count} of {len(cells)} cells of the lattice, "
+            "which leaves open whether there is material; give a field that is positive in "
+            "material and negative in void, as density - 0.5"
         )
 
 

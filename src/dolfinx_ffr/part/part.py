@@ -46,7 +46,7 @@ from ..fem import (
 from ..parallel import on_rank_0
 from .boundary import Side, boundary
 from .cut import cut
-from .enclosed import Findings
+from .enclosed import Findings, LoosePieceWarning, PartWarning
 from .export import Sheet, write
 from .field import Field, turns
 from .in_space import mesh_solid
@@ -170,7 +170,7 @@ class Part(Verifiable):
             drawing=drawing,
             pieces=len(part.outlines),
             loose=[],
-            loose_warning="",
+            warnings=[w for w in self._findings.warnings if not isinstance(w, LoosePieceWarning)],
         )
         # the field of the first part has another boundary
         part.field = lambda x: 2.0 * shapely.contains_xy(part.polygon, *np.transpose(x)) - 1.0
@@ -449,7 +449,6 @@ def _find(
     return _Findings(
         pieces=len(around),
         drawing=drawn,
-        loose_warning=attachment.loose_warning,
         warnings=attachment.warnings + _polygon_warnings(of_part, names),
         loose=loose,
         lost_interfaces=[name for name, length in lengths_of_pieces.items() if length == 0.0],
@@ -471,7 +470,7 @@ def _outlines(drawing: Drawing, accuracy: float) -> Outlines:
     return [[drawing.walked(loop) for loop in loops] for loops in pieces]
 
 
-def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
+def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[PartWarning]:
     """Warnings of interfaces that may be round bores, but whose mesh is too coarse for arcs."""
     warnings = []
     for number, name in enumerate(names):
@@ -486,8 +485,10 @@ def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
                     else "draw it as a circle"
                 )
                 warnings.append(
-                    f"the interface {name!r} is a polygon of {len(wall)} sides, with its corners "
-                    f"on a circle: if it is a round bore, {remedy}"
+                    PartWarning(
+                        f"the interface {name!r} is a polygon of {len(wall)} sides, with its "
+                        f"corners on a circle: if it is a round bore, {remedy}"
+                    )
                 )
     return warnings
 

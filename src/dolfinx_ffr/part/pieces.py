@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import Array
 from ..fem import Drawing, Face, ShapeError, connected
 from .boundary import Side
+from .enclosed import LoosePieceWarning, PartWarning
 from .lattice import DESIGN, SOLID
 
 _GROUPS = {DESIGN: "design", SOLID: "solid"}
@@ -33,8 +34,7 @@ class Attachment:
 
     pieces: list[Piece]  #: Those that touch one, which the part is made of
     loose: list[Piece]  #: Those that touch none, which are left out
-    loose_warning: str  #: Says that they are left out; empty if there are none
-    warnings: list[str]  #: All other warnings
+    warnings: list[PartWarning]  #: The first says that loose ones are left out
 
 
 def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
@@ -104,35 +104,38 @@ def attached(
             f"part: no piece of the material touches an interface ({', '.join(map(repr, names))}); "
             "is the field positive in the material?"
         )
-    loose_warning, warnings = "", []
+    warnings: list[PartWarning] = []
     loose = [piece for piece in pieces if not (joined or piece.interfaces)]
     if loose:
         listed = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
         ellipsis = ", ..." if len(loose) > 5 else ""
-        loose_warning = (
+        sentence = (
             f"{len(loose)} loose pieces touch no interface and are left out: {listed}{ellipsis}; "
             "the part has less material than the design"
         )
+        warnings.append(LoosePieceWarning(sentence))
+
     remaining = {name: lengths_of_pieces[name] / lengths[name] for name in names}
+    sentences = []
     if lost := [name for name, share in remaining.items() if share == 0.0]:
-        warnings.append(
-            f"the interfaces {', '.join(map(repr, lost))} are left without material; make the "
-            "cells at them solid, or leave them out of the mechanism"
+        sentences.append(
+            f"the interfaces {', '.join(map(repr, lost))} have no material; keep the cells along "
+            "them solid, or leave them out of the mechanism"
         )
     if cut := {name: share for name, share in remaining.items() if 0.0 < share < 1.0 - 1e-6}:
         listed = ", ".join(f"{100 * share:.3g} % of {name!r}" for name, share in cut.items())
-        warnings.append(
-            f"of some interfaces only a share is left, {listed}; make the cells at them solid to "
-            "keep all of it"
+        sentences.append(
+            f"some interfaces have lost a share of their material, {listed}; keep the cells along "
+            "them solid"
         )
     if not joined:
         _check_connected(in_part, names)
     if not joined and len(in_part) > 1:
-        warnings.append(
+        sentences.append(
             f"the material is in {len(in_part)} pieces that only interfaces hold together, the "
             f"smallest of {1e6 * in_part[-1].area:.3g} mm2 near {_point(in_part[-1].center)}"
         )
-    return Attachment(in_part, loose, loose_warning, warnings)
+    return Attachment(in_part, loose, [*warnings, *map(PartWarning, sentences)])
 
 
 def _check_connected(pieces: Sequence[Piece], names: Sequence[str]) -> None:

@@ -387,9 +387,9 @@ class Problem:
         )
 
     def with_tolerance(self, x: Densities, tolerance: float) -> Problem:
-        """The same problem with time steps for an accuracy of psi.
+        """The same problem with a method and time steps for an accuracy of psi at ``x``.
 
-        See `MechanicalProblem.with_tolerance`. Choose once, and keep the steps while designing.
+        See `MechanicalProblem.with_tolerance`.
 
         Args:
             x: Densities, as for `value`, which raises the same errors.
