@@ -14,7 +14,6 @@ import pytest
 from shared.problems import crank_motion, slider_crank, three_load_cases
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.problem.spread import owners
 
 WEIGHTS = {"slow": 1.5, "fast": 1.0, "lever": 0.7}
 COMBINATIONS = [
@@ -175,17 +174,6 @@ def test_same_numbers_of_several_load_cases_on_any_ranks(comm: MPI.Intracomm) ->
         assert comm.allreduce(worst, MPI.MAX) < 1e-7 * scale
     for name, value in every.constraints.items():
         assert value.violation == pytest.approx(one.constraints[name].violation, rel=1e-8)
-
-
-def test_work_is_balanced() -> None:
-    costs = {"a": 5.0, "b": 1.0, "c": 4.0, "d": 3.0, "e": 3.0}
-    owners_of_costs = owners(costs, 2)
-    loads = [
-        sum(costs[name] for name, rank in owners_of_costs.items() if rank == r) for r in range(2)
-    ]
-    assert loads == [8.0, 8.0]
-    assert owners(costs, 1) == dict.fromkeys(costs, 0)
-    assert len(set(owners(costs, 9).values())) == 5
 
 
 @pytest.mark.mpi

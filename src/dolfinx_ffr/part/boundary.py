@@ -10,9 +10,9 @@ from itertools import count, pairwise
 import numpy as np
 
 from ..arrays import Array, Integers, Mask
-from ..fem import Arc, Curve, Line, nearest_circle
+from ..fem import Arc, Curve, Line, nearest_circle, turns
 from .cut import Segments
-from .field import Field, turns
+from .field import Field
 from .fitting import corners, fitted, followed, thinned
 from .lattice import Lattice
 from .options import CURVES
@@ -99,8 +99,7 @@ def _side_of_mesh(
     """The curve of a chain along the mesh, and the nodes at its ends."""
     x, ends = points[chain], (chain[0], chain[-1])
     if circle is not None:
-        angles = np.unwrap(np.arctan2(*(x - circle[:2]).T[::-1]))
-        return ends, Arc(x[0], x[-1], circle[:2], float(angles[-1] - angles[0]))
+        return ends, Arc.along(x, circle[:2])
     if lattice.curved:
         return ends, fitted(x, 1e-3 * tolerance, closed=chain[0] == chain[-1])
     return ends, Line(x[0], x[-1])

@@ -77,14 +77,3 @@ def zeros_between(field: Field, a: Array, b: Array, at_a: Array, at_b: Array) ->
         done = (np.abs(value) <= 1e-14 * size[i]) | (np.abs(t[i] - s[i]) < 1e-14)
         active = i[~done]
     return zeros
-
-
-def cross(a: Array, b: Array) -> Array:
-    """The cross products of vectors (..., 2) in the plane."""
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
-
-
-def turns(sides: Array) -> Array:
-    """The angles (n - 1,) between sides (n, 2) that follow each other, anticlockwise [rad]."""
-    before, after = sides[:-1], sides[1:]
-    return np.asarray(np.arctan2(cross(before, after), np.einsum("ij,ij->i", before, after)))

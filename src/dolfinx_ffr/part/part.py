@@ -42,13 +42,14 @@ from ..fem import (
     mesh_faces,
     polygon,
     ring,
+    turns,
 )
 from ..parallel import on_rank_0
 from .boundary import Side, boundary
 from .cut import cut
 from .enclosed import Findings, LoosePieceWarning, PartWarning
 from .export import Sheet, write
-from .field import Field, turns
+from .field import Field
 from .in_space import mesh_solid
 from .lattice import Lattice
 from .options import CURVES, MESHES
