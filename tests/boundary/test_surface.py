@@ -342,7 +342,7 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_p
     results = []
     for ranks in (comm, MPI.COMM_SELF)[: comm.size]:
         problem = beam(ranks)
-        start = surface(problem, share=0.95, options=replace(SURFACES, most_tetrahedra=2_500))
+        start = surface(problem, share=0.95, options=replace(SURFACES, most_tetrahedra=5_000))
         with pytest.warns(ffr.PartWarning, match="still changes by .* whose value is reported"):
             ended = move_boundary(problem, start, volume=0.9, iterations=steps, progress=False)
         results.append(ended)
