@@ -171,14 +171,6 @@ def test_single_columns(rows: Rows) -> None:
     assert np.allclose(central, 2 * elements * value, rtol=1e-12)
 
 
-@pytest.mark.parametrize("error", ["error_psi", "error_gradient"])
-def test_error_in_time_is_of_second_order(rows: Rows, error: str) -> None:
-    steps, errors = (column(rows("accuracy_steps"), name) for name in ("setting", error))
-    # the reference has four times the finest number of steps: its own error adds 0.03 to the order
-    order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
-    assert order == pytest.approx(2.0, abs=0.1)
-
-
 def test_error_falls_with_the_tolerance(rows: Rows) -> None:
     table = rows("accuracy_tolerance")
     for error in ("error_psi", "error_gradient"):

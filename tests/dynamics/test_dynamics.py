@@ -182,25 +182,6 @@ def test_parallelograms_through_their_singular_positions() -> None:
     check_published(path, np.array(list(PARALLELOGRAMS.values())), np.array([2000, 4000, 8000]))
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:the steps keep their tolerance in the motion")
-@pytest.mark.parametrize(
-    ("integrator", "limit"),
-    [
-        (ffr.GeneralizedAlpha(10.0, 8000, 1.0), 2e-4),
-        (ffr.RadauIIA(5.0, tolerance=1e-10), 5e-6),
-    ],
-)
-def test_singular_positions_without_damping_and_by_radau(
-    integrator: Integrator, limit: float
-) -> None:
-    """To Radau's method links in line add errors that no step has made."""
-    t = ffr.simulate(*parallelograms(), integrator)
-    end = t.marker_path("crank 0", "right")[-1]
-    assert end == pytest.approx(PARALLELOGRAMS[integrator.end_time], abs=limit)
-    assert t.step_ends.size < 1000 or isinstance(integrator, ffr.GeneralizedAlpha)
-
-
 def soft_slider_crank() -> tuple[Scene, int]:
     """All oscillations of the rod are slow enough for the steps to resolve."""
     scene = slider_crank(end_time=0.2)

@@ -405,7 +405,7 @@ def test_functions_without_a_derivative_are_refused() -> None:
         "mass": lambda p: point(2.0 + draw.random(), ffr.Placement(), gravity=(0.0, p)),
     }
     for build in drawn.values():
-        with pytest.raises(ValueError, match="returns another one for the same values"):
+        with pytest.raises(ValueError, match="returns different mechanisms for the same values"):
             coordinate(build, place, steps, p=(0.5, 0.0, 1.0))
     branches: list[Callable[[float], float]] = [
         lambda p: 3.0 * p if p > 0.5 else p,  # a jump
@@ -414,7 +414,7 @@ def test_functions_without_a_derivative_are_refused() -> None:
         lambda p: float(np.ceil(2.0 * p)),
     ]
     for number in branches:
-        with pytest.raises(ValueError, match="parameter 'p': no derivative: its slopes from below"):
+        with pytest.raises(ValueError, match=r"parameter 'p': no derivative: slopes .* from below"):
             coordinate(gravity(number), place, steps, p=(0.5, 0.0, 1.0))
     for value, slope in ((0.5001, 2.0), (0.4999, -1.0)):
         slopes = coordinate(gravity(branches[1]), place, steps, p=(value, 0.0, 1.0))[2]

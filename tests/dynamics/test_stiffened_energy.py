@@ -75,27 +75,6 @@ def test_frames_agree_to_the_square_of_the_deflection(mass: float, young: float)
     assert difference < 0.1 * np.max(np.abs(linear[1] - linear[0]))
 
 
-@pytest.mark.parametrize("tangent", [True, False], ids=["tangent", "chord"])
-def test_a_point_mass_is_a_body_pinned_to_its_marker(tangent: bool) -> None:
-    """Also where the bar bends far, by a mass like its own."""
-    body = bar(tangent, 1e8)
-    mass, integrator = body.mass, ffr.RadauIIA(0.25, steps=600)
-    mechanism = pendulum(mass)
-    tip = ffr.VolumeIntegrals.rigid(mass, inertia=1e-7 * mass, markers={"pin": (0.0, 0.0)})
-    second = replace(
-        mechanism,
-        placements={**mechanism.placements, "tip": ffr.Placement((LENGTH, 0.0))},
-        joints=[*mechanism.joints, ffr.Revolute(("tip", "pin"), ("bar", "right"))],
-        point_masses=[],
-    )
-    with_mass = ffr.simulate(mechanism, {"bar": body}, integrator)
-    with_body = ffr.simulate(second, {"bar": body, "tip": tip}, integrator)
-    shift = body.markers["right"].rotation @ with_mass.elastic("bar").T
-    assert np.max(np.abs(shift)) > 0.01
-    paths = (t.marker_path("bar", "right") for t in (with_mass, with_body))
-    np.testing.assert_allclose(*paths, atol=2e-6 * LENGTH)
-
-
 def random_model(space: bool) -> FlatModel:
     """A body with geometric stiffness, and point masses at markers that have it too."""
     if space:

@@ -38,7 +38,7 @@ def eyes(rim: float, size: float) -> ffr.Domain:
     return ffr.Domain.from_outline(MPI.COMM_SELF, shape, interfaces=pins, size=size, solid_rim=rim)
 
 
-@pytest.mark.parametrize(("rim", "member", "volume"), [(4e-3, 4e-3, 0.3), (3e-3, 5e-3, 0.5)])
+@pytest.mark.parametrize(("rim", "member", "volume"), [(3e-3, 5e-3, 0.5)])
 def test_walls_at_eyes_are_as_asked_or_violations(rim: float, member: float, volume: float) -> None:
     """A rod between two eyes, after two steps from a strip that lies on their rims."""
     domain = eyes(rim, 6e-3)

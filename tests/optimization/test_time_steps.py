@@ -29,24 +29,6 @@ def too_few(problem: ffr.Problem) -> ffr.Problem:
     return problem.with_integrators(dict.fromkeys(problem.load_cases, method))
 
 
-def test_steps_do_for_any_density(comm: MPI.Intracomm, capfd: pytest.CaptureFixture[str]) -> None:
-    problem = problem_of(comm)
-    message = capfd.readouterr().err
-    assert ("time steps: " in message and "estimated relative error" in message) or comm.rank > 0
-    for filled in (0.5, 1.0):
-        x = np.full(problem.flexible["rod"].domain.n_cells, filled)
-        evaluation = problem.value(x)
-        (error,) = problem.time_errors(evaluation).values()
-        assert error <= TOLERANCE
-        exact = problem.with_integrators({"motion": ffr.RadauIIA(0.4, steps=3200)}).value(x)
-        assert abs(evaluation.psi / exact.psi - 1.0) <= error
-        # they are looked at again, and stay
-        assert problem.with_steps_for(evaluation) is problem
-        # those that were given are nobody's choice
-        given = problem.with_integrators({"motion": ffr.RadauIIA(0.4, steps=25)})
-        assert given.with_steps_for(given.value(x)) is given
-
-
 @pytest.mark.mpi
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.SofteningWarning")  # of what is tried
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.LargeDeformationWarning")

@@ -106,21 +106,6 @@ def test_ties_are_broken_alike_on_both_sides_of_the_axis(comm: MPI.Comm) -> None
     assert_same_points(selected, [LENGTH, 0.0] + selected * [-1.0, 1.0])
 
 
-def test_holes_of_the_body_have_no_grid(comm: MPI.Comm) -> None:
-    """Points far within the hole and beyond the edge take no cell."""
-    domain = hook(comm)
-    selected = gathered(domain, GradientElements(grid=0.008).select(domain))
-    size = math.sqrt(domain.area / domain.n_cells_global)
-    x, y = np.meshgrid(0.004 + 0.008 * np.arange(50), -0.036 + 0.008 * np.arange(10))
-    grid = np.column_stack([x.ravel(), y.ravel()])
-    hole = np.hypot(grid[:, 0] - 0.25, grid[:, 1]) < 0.02
-    notch = (np.abs(grid[:, 0] - 0.125) < 0.025) & (grid[:, 1] > 0.0)
-    inside = np.count_nonzero(~hole & ~notch)
-    assert 0.6 * inside < len(selected) <= inside + np.count_nonzero(hole | notch)
-    # every point in the body has a selected cell nearby
-    assert np.max(cKDTree(selected).query(grid[~hole & ~notch])[0]) < 2.0 * size
-
-
 @pytest.mark.parametrize("kind", ["quadrilateral", "triangle", "gmsh"])
 @pytest.mark.parametrize("share", [0.1, 0.6])
 def test_share_is_reached(comm: MPI.Comm, kind: str, share: float) -> None:

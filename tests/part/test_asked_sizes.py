@@ -30,7 +30,7 @@ def test_a_rim_that_is_too_thin_is_a_thin_member(comm: MPI.Intracomm) -> None:
     (computed,) = size_violations(part, 0.005)
     assert computed.name.startswith("thinnest member near (-")
     assert computed.share == pytest.approx(0.4, abs=0.01)
-    assert "is 3 mm at (" in computed.message and "where 5 mm were asked for" in computed.message
+    assert "is 3 mm at (" in computed.message and "below the minimum of 5 mm" in computed.message
     assert "give a wider solid_rim" in computed.message
 
 

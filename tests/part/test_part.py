@@ -186,11 +186,11 @@ def test_torn_design_is_refused(comm: MPI.Comm) -> None:
 def test_interfaces_without_material(comm: MPI.Comm) -> None:
     """Where no cell is solid, an interface may be lost, or a part of it."""
     body = rod(comm, solid_columns=0)
-    with pytest.warns(ffr.PartWarning, match="of some interfaces only a share is left, 50 %"):
+    with pytest.warns(ffr.PartWarning, match="have lost a share of their material, 50 %"):
         part = ffr.Part(body, strip(0.01), H)
     (left,) = part.interface("left")
     assert left.length == pytest.approx(0.02, rel=1e-12)
-    with pytest.warns(ffr.PartWarning, match="the interfaces 'right' are left without material"):
+    with pytest.warns(ffr.PartWarning, match="the interfaces 'right' have no material"):
         part = ffr.Part(body, lambda p: 0.3 - p[:, 0], H)
     assert part.lost_interfaces == ["right"]
     assert part.area == pytest.approx(0.3 * 0.04, rel=1e-12)

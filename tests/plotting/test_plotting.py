@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations, pairwise
+from itertools import pairwise
 from pathlib import Path
 from subprocess import CalledProcessError
 
@@ -14,8 +14,6 @@ from mpi4py import MPI
 import ezdxf
 import numpy as np
 import pytest
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 from PIL import Image
 from shared.problems import four_bar, slider_crank
@@ -32,10 +30,9 @@ from dolfinx_ffr.plotting import (
     plot_scene,
 )
 from dolfinx_ffr.plotting.drawn_mesh import DrawnMesh
-from dolfinx_ffr.plotting.mechanism_view import MechanismView
 from dolfinx_ffr.plotting.part_view import STEEL as MATERIAL
 from dolfinx_ffr.plotting.scene import Scene
-from dolfinx_ffr.plotting.style import ACCENTS, GRAY, RED, styled_figure
+from dolfinx_ffr.plotting.style import ACCENTS, GRAY, RED
 
 LENGTH, HEIGHT = 0.4, 0.04
 MESHES = [(cell, order) for cell in ("quadrilateral", "triangle") for order in (1, 2)]
@@ -398,21 +395,6 @@ def test_scene_shows_joints_and_springs_of_every_kind(tmp_path: Path) -> None:
     picture = pixels(plot_scene(press_.problem, press_.evaluation, tmp_path / "x.png", time=0.1))
     assert near(picture, "#b6bec8", 8.0).sum() > 300  # the block of the carriage
     animate_motion(press_.problem, press_.evaluation, tmp_path / "x.gif", frames=2)
-
-
-def test_names_at_one_place_stand_above_each_other(tmp_path: Path) -> None:
-    """The text of none covers the text of another."""
-    press_ = press()
-    scene = gathered(press_, [100])
-    with styled_figure(9.0, 7.0) as figure:
-        colors = ScalarMappable(Normalize(-0.15, 1.15), "gray_r")
-        view = MechanismView(figure.subplots(), scene, 1.0, colors, labels=True)
-        view.show(0)
-        figure.draw_without_rendering()
-        boxes = {text.get_text(): text.get_window_extent() for text in view.axes.texts}
-    assert {"rod", "carriage", "flag", "weld", "pin"} <= set(boxes)
-    for (one, a), (other, b) in combinations(boxes.items(), 2):
-        assert not a.overlaps(b), f"{one} {other}"
 
 
 def test_scene_shows_crank_design_and_names(solved: Solved, tmp_path: Path) -> None:

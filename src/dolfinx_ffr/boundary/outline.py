@@ -169,8 +169,8 @@ class Boundary:
         runs, faces = sides_of(part.drawing, body_polygon.boundary, near, outline, drawn)
         if not runs:
             raise ValueError(
-                "boundary: interfaces, solid regions and the holes of the body's drawing leave no "
-                "side that could move"
+                "boundary: interfaces, solid regions and the holes of the drawing cover the whole "
+                "boundary, so that no side can move; make them smaller, or give boundary=0"
             )
         # the last bits of a rank may decide nothing
         alike = tuple(images(lines))
@@ -186,9 +186,9 @@ class Boundary:
         found = found.moved(np.zeros(found.n_controls))
         if not found.valid:
             raise CurveError(
-                "boundary: curves cross once they are smoothed, as members are thinner than the "
-                "distance of the controls can show; give a smaller member or spacing, or a design "
-                "without hairlines"
+                "boundary: curves cross after smoothing, because members are thinner than the "
+                "controls can represent; give a smaller member or spacing, or a design without "
+                "thin members"
             )
         rims = found._rims.intersection(found.material)
         return replace(found, needed=rims.buffer(-2.0 * found._tolerance))
@@ -490,7 +490,7 @@ class Boundary:
             union = union.buffer(-0.5 * self.member).buffer(0.5 * self.member)
             far = self.hole(pair[0]).distance(self.hole(pair[1])) > farthest
             if far or not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
-                raise ShapeError("boundary: the holes are too far apart to be made one")
+                raise ShapeError("boundary: the holes are too far apart to be merged")
             ring = shapely.geometry.polygon.orient(union, -1.0).exterior
             runs.append(Run(np.asarray(ring.coords)[:-1], None))
             gone += among
@@ -539,7 +539,7 @@ class Boundary:
                         ring = shapely.geometry.polygon.orient(piece, -1.0).exterior
                         runs.append(Run(np.asarray(ring.coords)[:-1], None))
         if not runs:
-            raise ShapeError("boundary: no hole is left where there would be a strut")
+            raise ShapeError("boundary: a strut needs a hole, but no hole is near it")
         return self._with_holes(gone, runs)
 
     def _with_holes(self, gone: Iterable[int], runs: Sequence[Run]) -> Boundary:
@@ -549,7 +549,7 @@ class Boundary:
             n for n, (_, loops) in enumerate(self.faces) if any(_is_hole(x, left) for x in loops)
         ]
         if runs and len(inside) != 1:
-            raise ShapeError("boundary: the holes are not of one face")
+            raise ShapeError("boundary: the holes belong to different faces")
         beyond = 1 + max(self.free)
         curves, orbits = fitted(runs, self.spacing, self.isometries)
         alike = 1 + max(int(np.max(numbers)) for numbers in self.orbits.values())

@@ -172,7 +172,7 @@ def _faces(
             half = 0.5 * shapes[k].area
             around = next((j for j in within if shapes[j].intersection(shapes[k]).area >= half), -1)
             if around < 0:
-                raise CurveError("boundary: a hole is in none of the faces, as curves cross")
+                raise CurveError("boundary: a hole lies in no face, because curves cross")
             within[around].append(k)
     for k in outer:
         yield "design", tuple(loops[j][0] for j in (k, *within[k]))

@@ -143,7 +143,9 @@ class Surface:
         rim = validation.number("surface: rim", member if rim is None else rim, least=0.0, unit="m")
         planes = validation.instances("surface: mirrors", mirrors, Mirror, "planes of the body")
         if any(len(mirror.normal) != 3 for mirror in planes):
-            raise ValueError("surface: mirrors: a line is none of a body in space; give planes")
+            raise ValueError(
+                "surface: mirrors of a body in space are planes; give normals of three components"
+            )
         body = solid.body
         low, high = body.bounding_box
         if member > np.min(high - low):
@@ -417,7 +419,9 @@ class Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
         size = self.part.sizes(None, 2)[1]
         if 6.0 * self.part.volume > self.options.most_tetrahedra * size**3:
-            raise ShapeError("surface: the next finer lattice is too fine")
+            raise ShapeError(
+                "surface: the next finer lattice exceeds the number of points that is allowed"
+            )
         return self._with(self.coefficients, size)
 
     def shifted(self, offsets: Array) -> Surface:
@@ -564,7 +568,7 @@ def _fitted(
     nodes = low + spacing * np.indices(shape).reshape(3, -1).T
     points = contour(field, low, nodes[-1], 0.5 * spacing)
     if not len(points):
-        raise ShapeError("surface: the field has no zero surface that could move")
+        raise ShapeError("surface: the field has no zero surface to move")
     # off the contour of linear pieces the first-order distance is exact on the field's zero surface
     step = 1e-4 * spacing
     slope = [(field(points + s) - field(points - s)) / (2.0 * s.sum()) for s in np.diag(step)]

@@ -36,7 +36,7 @@ from ..fem import (
 )
 from ..limits import check_count
 from ..parallel import on_every_rank, on_rank_0
-from .parametrization import Variables
+from .base import Variables
 
 #: Change of a dimension for differences of the geometry, as a part of its range
 _STEP = 1e-5

@@ -124,9 +124,10 @@ def _with_accurate_positions(
         if method.tolerance <= 1.5 * CONTROL.tightest or steps > CONTROL.most_steps:
             raise SimulationError(
                 f"the tolerance of {interval.tolerance:.1e} is out of reach: with {steps} steps "
-                f"the estimated relative error of positions is {error:.1e}; ask for less, or name "
-                "the times at which forces or motions jump (Mechanism.jumps): the motion is not "
-                "smooth, magnifies errors, or has vibrations that take shorter steps",
+                f"the estimated relative error of positions is {error:.1e}; take a larger "
+                "tolerance, or name the times at which forces or motions jump (Mechanism.jumps): "
+                "the motion is not smooth, magnifies errors, or has vibrations that need shorter "
+                "steps",
                 trajectory,
             )
 

@@ -47,6 +47,6 @@ from .mesh_checks import connected, floating_cells
 from .nodes import MeshNodes, add_ghosts, gathered_nodes, laplace
 from .outline import closed_outline, read_outline
 from .plane_mesh import LocalSizes, check_size, gmsh_model, mesh_faces, quiet, surfaces
-from .rims import with_rims
+from .polylines import chord_lengths, cross, turns
 from .stress_recovery import StressRecovery
 from .tetrahedra import DESIGNED, SOLID, VOID, GatheredMesh, Tetrahedra, surface_of

@@ -26,6 +26,7 @@ from ..arrays import Array
 from ..limits import MOST_CELLS, MOST_CURVES, check_count
 from .curves import Arc, Curve, CurveError, Line, Spline
 from .drawing import Drawing
+from .polylines import turns
 
 _numbers = count()
 
@@ -177,8 +178,7 @@ def _cells_of(curve: Curve, size: float, local: LocalSizes | None) -> _CurveCell
         sizes = np.clip(local.at(0.5 * (x[1:] + x[:-1])), finest, size)
 
     # cells by length or by turn, whichever needs more, along each side of the samples
-    cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
-    bent = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:])))
+    bent = np.abs(turns(side))
     turn = 0.5 * (np.r_[bent, 0.0] + np.r_[0.0, bent])
     largest_turn = MESHING.turn_of_arcs if isinstance(curve, Arc) else MESHING.turn
     cells_of_side = np.maximum(length / sizes, turn / largest_turn)

@@ -20,6 +20,7 @@ from ..arrays import Array, Mask
 from .curves import Arc, Curve, Line, Spline
 from .drawing import CurveSide, Drawing, Face
 from .interface import nearest_circle
+from .polylines import turns
 
 
 @dataclass(frozen=True)
@@ -199,12 +200,10 @@ class _DividedDrawing:
         inner = x[1:-1] if len(x) > RIM.fewest + 2 else x
         circle = _circle(inner)
         if circle is not None:
-            center = circle[0]
-            angle = np.unwrap(np.arctan2(*(x - center).T[::-1]))
-            sweep = float(angle[-1] - angle[0])
+            arc = Arc.along(x, circle[0])
             if np.array_equal(x[0], x[-1]):
-                return Arc(x[0], x[0], center, float(np.sign(sweep)) * 2.0 * np.pi)
-            return Arc(x[0], x[-1], center, sweep).moved(x[0], x[-1])
+                return replace(arc, sweep=float(np.copysign(2.0 * np.pi, arc.sweep)))
+            return arc.moved(x[0], x[-1])
 
         along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
         count = max(4, int(RIM.points * along[-1] / self._width))
@@ -249,10 +248,7 @@ class _DividedDrawing:
 
 def _corners(x: Array) -> Array:
     """Numbers of the inner points at which a line through points (n, 2) has a corner."""
-    side = np.diff(x, axis=0)
-    cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
-    turn = np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:]))
-    return np.asarray(1 + np.flatnonzero(np.abs(turn) > RIM.corner))
+    return np.asarray(1 + np.flatnonzero(np.abs(turns(np.diff(x, axis=0))) > RIM.corner))
 
 
 def _nearest(curve: Curve, point: Array, fine: float) -> float:

@@ -46,8 +46,7 @@ def size_violations(part: Enclosed, member: float, gap: float | None = None) -> 
         advice = remedy
         if isinstance(part, Part) and _is_beside_solid(part, thinnest):
             advice = (
-                "it is along a region that stays solid: draw that wider there, or give a wider "
-                "solid_rim"
+                "it is along a solid region: draw the region wider there, or give a wider solid_rim"
             )
         violations.append(_violation("thinnest member", thinnest, member, advice))
 
@@ -66,8 +65,8 @@ def place(position: Array) -> str:
 def _violation(what: str, width: Width, minimum: float, remedy: str) -> PartViolation:
     where = place(width.ends.mean(axis=0))
     sentence = (
-        f"the {what} is {1e3 * width.value:.3g} mm at {where}, where {1e3 * minimum:.3g} mm were "
-        f"asked for: {remedy}"
+        f"the {what} is {1e3 * width.value:.3g} mm at {where}, below the minimum of "
+        f"{1e3 * minimum:.3g} mm: {remedy}"
     )
     return PartViolation(f"{what} near {where}", 1.0 - width.value / minimum, sentence)
 

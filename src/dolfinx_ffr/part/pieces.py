@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..fem import Drawing, Face, ShapeError, connected
-from .boundary import Side
+from ..fem import Face, ShapeError, connected
+from .boundary import Boundaries
+from .enclosed import LoosePieceWarning, PartWarning
 from .lattice import DESIGN, SOLID
 
 _GROUPS = {DESIGN: "design", SOLID: "solid"}
@@ -20,9 +21,9 @@ _GROUPS = {DESIGN: "design", SOLID: "solid"}
 class Piece:
     """A connected piece of material: its faces, in designed and in solid cells."""
 
-    sides: Sequence[int]  #: Numbers of the sides that bound its faces
-    faces: Sequence[Face]  #: Loops of sides; forward where the face is on the left
-    interfaces: frozenset[int]  #: Numbers of the interfaces that it touches
+    curves: Sequence[int]  #: Numbers of the curves that bound its faces
+    faces: Sequence[Face]
+    interfaces: frozenset[str]  #: Names of the interfaces that it touches
     area: float  #: [m^2]
     center: Array  #: (2,) of its area [m]
 
@@ -33,56 +34,39 @@ class Attachment:
 
     pieces: list[Piece]  #: Those that touch one, which the part is made of
     loose: list[Piece]  #: Those that touch none, which are left out
-    loose_warning: str  #: Says that they are left out; empty if there are none
-    warnings: list[str]  #: All other warnings
+    warnings: list[PartWarning]  #: The first says that loose ones are left out
 
 
-def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
-    """The connected pieces between the sides of all regions, the largest first.
+def pieces(bounds: Boundaries, tolerance: float) -> list[Piece]:
+    """The connected pieces between the boundaries of all regions, the largest first.
 
     The tolerance is that of the polygons by which holes are found in their faces [m].
     """
-    lines = Drawing([side.curve for side in sides], [side.nodes for side in sides], [], [])
-    faces = []
-    for kind, group in _GROUPS.items():
-        beside = [(i, True) for i, side in enumerate(sides) if side.left == kind]
-        beside += [(i, False) for i, side in enumerate(sides) if side.right == kind]
-        faces += [Face(group, loops) for loops in lines.faces_beside(beside, tolerance)]
+    lines = bounds.lines
+    faces = [
+        Face(group, loops)
+        for kind, group in _GROUPS.items()
+        for loops in lines.faces_beside(bounds.around(kind), tolerance)
+    ]
     moments = [lines.moments(face.loops) for face in faces]
 
-    faces_at: dict[int, list[int]] = {}  # by the number of a side
+    faces_at: dict[int, list[int]] = {}  # by the number of a curve
     for number, face in enumerate(faces):
         for loop in face.loops:
-            for side, _ in loop:
-                faces_at.setdefault(side, []).append(number)
+            for curve, _ in loop:
+                faces_at.setdefault(curve, []).append(number)
     neighbours = np.array([[at[0], at[-1]] for at in faces_at.values()]).reshape(-1, 2)
     label = connected(neighbours, len(faces))
 
     result = []
     for piece in range(label.max(initial=-1) + 1):
         members = np.flatnonzero(label == piece)
-        bounds = sorted({i for f in members for loop in faces[f].loops for i, _ in loop})
-        interfaces = frozenset(sides[i].interface for i in bounds) - {-1}
+        curves = sorted({i for f in members for loop in faces[f].loops for i, _ in loop})
+        interfaces = frozenset(lines.groups[i] for i in curves) - {""}
         area, *moment = np.sum([moments[f] for f in members], axis=0)
         center = np.array(moment) / area
-        result.append(Piece(bounds, [faces[f] for f in members], interfaces, area, center))
+        result.append(Piece(curves, [faces[f] for f in members], interfaces, area, center))
     return sorted(result, key=lambda piece: -piece.area)
-
-
-def drawing(sides: Sequence[Side], pieces: Sequence[Piece], names: Sequence[str]) -> Drawing:
-    """The pieces as faces between numbered curves, with the names of their interfaces."""
-    number = {i: n for n, i in enumerate(i for piece in pieces for i in piece.sides)}
-    drawn = [sides[i] for i in number]
-    return Drawing(
-        curves=[side.curve for side in drawn],
-        nodes=[side.nodes for side in drawn],
-        groups=["" if side.interface < 0 else names[side.interface] for side in drawn],
-        faces=[
-            Face(face.group, [[(number[i], forward) for i, forward in loop] for loop in face.loops])
-            for piece in pieces
-            for face in piece.faces
-        ],
-    )
 
 
 def attached(
@@ -104,40 +88,50 @@ def attached(
             f"part: no piece of the material touches an interface ({', '.join(map(repr, names))}); "
             "is the field positive in the material?"
         )
-    loose_warning, warnings = "", []
+    warnings: list[PartWarning] = []
     loose = [piece for piece in pieces if not (joined or piece.interfaces)]
     if loose:
         listed = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
         ellipsis = ", ..." if len(loose) > 5 else ""
-        loose_warning = (
+        sentence = (
             f"{len(loose)} loose pieces touch no interface and are left out: {listed}{ellipsis}; "
             "the part has less material than the design"
         )
+        warnings.append(LoosePieceWarning(sentence))
+
     remaining = {name: lengths_of_pieces[name] / lengths[name] for name in names}
+    sentences = []
     if lost := [name for name, share in remaining.items() if share == 0.0]:
-        warnings.append(
-            f"the interfaces {', '.join(map(repr, lost))} are left without material; make the "
-            "cells at them solid, or leave them out of the mechanism"
+        sentences.append(
+            f"the interfaces {', '.join(map(repr, lost))} have no material; keep the cells along "
+            "them solid, or leave them out of the mechanism"
         )
     if cut := {name: share for name, share in remaining.items() if 0.0 < share < 1.0 - 1e-6}:
         listed = ", ".join(f"{100 * share:.3g} % of {name!r}" for name, share in cut.items())
-        warnings.append(
-            f"of some interfaces only a share is left, {listed}; make the cells at them solid to "
-            "keep all of it"
+        sentences.append(
+            f"some interfaces have lost a share of their material, {listed}; keep the cells along "
+            "them solid"
         )
     if not joined:
         _check_connected(in_part, names)
     if not joined and len(in_part) > 1:
-        warnings.append(
+        sentences.append(
             f"the material is in {len(in_part)} pieces that only interfaces hold together, the "
             f"smallest of {1e6 * in_part[-1].area:.3g} mm2 near {_point(in_part[-1].center)}"
         )
-    return Attachment(in_part, loose, loose_warning, warnings)
+    return Attachment(in_part, loose, [*warnings, *map(PartWarning, sentences)])
 
 
 def _check_connected(pieces: Sequence[Piece], names: Sequence[str]) -> None:
     """Refuse pieces that all touch interfaces but do not connect them."""
-    pairs = np.array([(i, len(names) + k) for k, p in enumerate(pieces) for i in p.interfaces])
+    number = {name: i for i, name in enumerate(names)}
+    pairs = np.array(
+        [
+            (number[name], len(names) + k)
+            for k, piece in enumerate(pieces)
+            for name in piece.interfaces
+        ]
+    )
     label = connected(pairs, len(names) + len(pieces))
     groups: dict[int, list[str]] = {}
     for i in np.unique(pairs[:, 0]):

@@ -129,24 +129,23 @@ class StepChoice:
         """Warning where the tolerance is not met."""
         if not self.resolved:
             reason = (
-                ", and a load or a motion changes faster than any steps follow; give it as a "
-                "smooth function of time"
+                ", and a load or a motion changes within every step; give it as a smooth function "
+                "of time"
             )
         elif self.rings:
             reason = (
-                ", as vibrations contribute that the motion itself excites (a load or a drive that "
-                "sets in suddenly, a spring out of balance); damp them, let loads and drives begin "
-                "smoothly, begin in StaticEquilibrium(), or ask for less"
+                ", because the motion excites vibrations (a load or a drive that sets in "
+                "suddenly, a spring out of balance); damp them, let loads and drives begin "
+                "smoothly, begin in StaticEquilibrium(), or take a larger tolerance"
             )
         else:
             reason = (
-                "; name the times at which forces or motions jump (Mechanism.jumps), or ask for "
-                "less"
+                "; name the times at which forces or motions jump (Mechanism.jumps), or take a "
+                "larger tolerance"
             )
         return (
-            f"the time steps are too long for the relative error of {self.tolerance:.1e} that was "
-            f"asked for: with {self.integrator.in_words} the estimated error is {self.error:.1e}"
-            f"{reason}"
+            f"the time steps are too long for the relative error of {self.tolerance:.1e}: with "
+            f"{self.integrator.in_words} the estimated error is {self.error:.1e}{reason}"
         )
 
 
