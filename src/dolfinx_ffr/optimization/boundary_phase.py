@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 
 from .. import validation
 from ..arrays import Array
-from ..boundary import Boundary, BoundaryOptions, Surface
+from ..boundary import Boundary, StepOptions, Surface
 from ..objective import is_stress
 from ..parallel import nearly_equal
 from ..part import TURN, PartViolation, PartWarning
@@ -134,13 +134,13 @@ def moved(
             bounds[name] = validation.number("boundary: volume", most, above=0.0, most=1.0)
     if size is not None:
         validation.number("boundary: size", size, above=0.0, unit="m")
-    sizes = {n: geometry.size(boundaries[n], size) for n in names}
+    sizes = {n: geometry.cell_size(boundaries[n], size) for n in names}
     others = {n: validation.numbers(f"boundary: {n}", x) for n, x in (variables or {}).items()}
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
     turn = TURN if any(map(is_stress, objectives)) else math.inf
     descent = Descent(
-        problem, bounds, sizes, others, turn, of_stress(problem, geometry.options.stress_margin)
+        problem, bounds, sizes, others, turn, of_stress(problem, geometry.steps.stress_margin)
     )
     ordered = {name: boundaries[name] for name in names}
 
@@ -148,7 +148,7 @@ def moved(
         return CurveSteps(replace(descent, tell=show), ordered, steps, mode_tolerance, state)
 
     run = Run(ranks_of(problem), steps, "step", progress, "boundary")
-    phase = BoundaryPhase(run, steps, CurveSteps.identity(ordered), checkpoint, geometry.options)
+    phase = BoundaryPhase(run, steps, CurveSteps.identity(ordered), checkpoint, geometry.steps)
     return phase.result(steps_from)
 
 
@@ -169,7 +169,7 @@ class BoundaryPhase:
         steps: int,
         identity: Mapping[str, Array],
         checkpoint: Checkpoint | None,
-        options: BoundaryOptions,
+        options: StepOptions,
     ) -> None:
         self._options = options
         self._run, self._steps, self._identity = run, steps, identity

@@ -58,7 +58,7 @@ class CurveSteps(Iterator[Trial]):
         self._mode_tolerance = mode_tolerance
         self._first_modes = {n: body.modes for n, body in descent.problem.flexible.items()}
         self._descent = descent
-        self._options = descent.geometry.options
+        self._options = descent.options
         self._reach, self._weight = self._options.first, self._options.penalty
         self._margin, self._secants = 0.0, NONE
         if state is None:
@@ -131,9 +131,7 @@ class CurveSteps(Iterator[Trial]):
             )
             after = self._descent.moved(self.trial, step)
             merits = [trial.merit(self._weight) for trial in (self.trial, self.best)]
-            if after is not None and not self._descent.geometry.worse(
-                after.merit(self._weight), *merits
-            ):
+            if after is not None and not self._options.rejects(after.merit(self._weight), *merits):
                 return after, step, rejected
             # shorter steps change the largest stress less than another mesh does
             if after is not None and stressed and self._reach <= self._options.stress_reach:

@@ -18,13 +18,13 @@ from shapely.geometry.base import BaseGeometry
 
 from ..arrays import Array
 from ..boundary import (
-    CURVES,
+    PLANE_STEPS,
     Boundary,
     BoundaryGeometry,
-    BoundaryOptions,
     PlaneGeometry,
     Rows,
     SpatialGeometry,
+    StepOptions,
     Surface,
     best_step,
     curvature,
@@ -70,9 +70,12 @@ class Trial:
 
     @property
     def materials(self) -> dict[str, BaseGeometry]:
-        """The same as polygons [m], by body in the plane."""
-        materials = {name: boundary.material for name, boundary in self.boundaries.items()}
-        return {name: shape for name, shape in materials.items() if shape is not None}
+        """The parts as polygons [m], by body in the plane."""
+        return {
+            name: boundary.material
+            for name, boundary in self.boundaries.items()
+            if isinstance(boundary, Boundary)
+        }
 
     @property
     def asked(self) -> dict[str, AskedSizes]:
@@ -145,11 +148,11 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Derivatives by the offsets of the orbits along their normals, in minimum members."""
+    """Derivatives by the offsets of all boundaries, in minimum members."""
 
-    psi: Array  #: Of log psi, of any sign, (orbits,)
+    psi: Array  #: Of log psi, of any sign, (offsets,)
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
-    slopes: Array | csr_matrix  #: Their derivatives, (m, orbits)
+    slopes: Array | csr_matrix  #: Their derivatives, (m, offsets)
     bounds: int  #: Number of bounds
     evaluation: Evaluation  #: With the gradients
 
@@ -179,9 +182,9 @@ class Descent:
         return geometry_of(self.problem)
 
     @property
-    def options(self) -> BoundaryOptions:
+    def options(self) -> StepOptions:
         """Numbers of the steps."""
-        return self.geometry.options
+        return self.geometry.steps
 
     def point(
         self, problem: Problem, boundaries: Mapping[str, Boundary | Surface]
@@ -247,17 +250,14 @@ class Descent:
 
         def along(nodes: Mapping[str, Array] | None) -> Array:
             assert nodes is not None
-            parts = []
-            for name, boundary in boundaries.items():
-                bar = np.zeros(boundary.n_controls)
-                if name in nodes:
-                    by_control = motions[name].pullback(nodes[name])
-                    bar = np.einsum("kd,kd->k", by_control, boundary.normals)
-                parts.append(boundary.member * (boundary.expansion.T @ bar))
-            return np.concatenate(parts)
+            by_offsets = [
+                b.member * motions[n].pullback(nodes[n]) if n in nodes else np.zeros(b.n_offsets)
+                for n, b in boundaries.items()
+            ]
+            return np.concatenate(by_offsets)
 
-        def by_orbits(rows: dict[str, Rows]) -> Array | csr_matrix:
-            blocks = [b.member * (rows[n].slopes @ b.expansion) for n, b in boundaries.items()]
+        def slopes_of(rows: dict[str, Rows]) -> Array | csr_matrix:
+            blocks = [b.member * rows[n].slopes for n, b in boundaries.items()]
             if issparse(blocks[0]):
                 return csr_matrix(sparse_block_diag(blocks))
             return block_diag(*blocks)
@@ -290,7 +290,7 @@ class Descent:
         return Slopes(
             psi,
             np.concatenate([*values, below, violations]),
-            _stacked([*map(by_orbits, geometric), *(row[None] for row in rows)]),
+            _stacked([*map(slopes_of, geometric), *(row[None] for row in rows)]),
             len(bounds),
             evaluation,
         )
@@ -326,17 +326,13 @@ class Descent:
         """
         boundaries = trial.boundaries
         options = self.options
-        smooth = CURVES.smooth if self.is_stressed else options.smooth
-        metrics, fixed_orbits = [], []
-        for boundary in boundaries.values():
-            expansion = boundary.expansion
-            metrics.append(expansion.T @ boundary.metric(smooth * boundary.member) @ expansion)
-            fixed_orbits.append(expansion.T @ boundary.fixed > 0)
-        metric, fixed = csc_matrix(sparse_block_diag(metrics)), np.concatenate(fixed_orbits)
-        constraints, curved = (
-            (slopes.values, slopes.slopes),
-            curvature(metric, earlier, slopes.psi, options.curvature_share),
-        )
+        # the gradient of a stress is rough, on surfaces too
+        smooth = PLANE_STEPS.smooth if self.is_stressed else options.smooth
+        metrics = [boundary.metric(smooth * boundary.member) for boundary in boundaries.values()]
+        metric = csc_matrix(sparse_block_diag(metrics))
+        fixed = np.concatenate([boundary.fixed_offsets for boundary in boundaries.values()])
+        constraints = slopes.values, slopes.slopes
+        curved = curvature(metric, earlier, slopes.psi, options.curvature_share)
         # round-off may decide which constraints a step is bounded by
         step = on_rank_0(
             ranks_of(self.problem),
@@ -344,9 +340,9 @@ class Descent:
         )
         offsets, start = {}, 0
         for name, boundary in boundaries.items():
-            count, shares = boundary.expansion.shape[1], boundary.expansion
-            offsets[name] = boundary.member * (shares @ step.offsets[start : start + count])
-            start += count
+            end = start + boundary.n_offsets
+            offsets[name] = boundary.member * step.offsets[start:end]
+            start = end
         multipliers = step.multipliers[len(step.multipliers) - slopes.bounds :]
         return Step(offsets, multipliers, step.promised)
 
@@ -357,7 +353,7 @@ class Descent:
         that load case, is another one after each step, and differences of gradients tell nothing.
         """
         displacements = [
-            self.geometry.normal_displacement(b, after.boundaries[n])
+            self.geometry.offsets_between(b, after.boundaries[n]) / b.member
             for n, b in before.boundaries.items()
         ]
         motion = np.concatenate(displacements)
@@ -445,13 +441,13 @@ class Descent:
 class Step:
     """A step of all boundaries."""
 
-    offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
+    offsets: dict[str, Array]  #: Of the boundaries, by body [m]
     bound_multipliers: Array  #: Multipliers of constraints and volumes, in units of log psi
     promised: float  #: Fall of log psi by its slopes and the curvature that is known
 
 
 def parted(
-    problem: MechanicalProblem, response: Response, fall: float = CURVES.stress_fall
+    problem: MechanicalProblem, response: Response, fall: float = PLANE_STEPS.stress_fall
 ) -> MechanicalProblem:
     """The problem with parts of its constraints, and with bounds on parts of a largest stress.
 

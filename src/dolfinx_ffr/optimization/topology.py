@@ -29,7 +29,7 @@ def changed(
     The ``evaluation`` of the trial with its derivatives, and the ``multipliers`` of its bounds,
     choose what is tried. The value decides: log psi with a ``weight`` of violated bounds.
     """
-    options, inserted, removed = descent.geometry.options, 0, 0
+    options, inserted, removed = descent.options, 0, 0
     struts = first_struts = _struts(descent, trial, evaluation, multipliers)
     while inserted < options.changes:
         better = _with_insertion(descent, trial, struts, weight)
@@ -71,7 +71,7 @@ def _struts(
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
         struts = body.struts(evaluation.bodies[name], bar)
-        if body.domain.sum(struts.carried) > descent.geometry.options.stiff:
+        if body.domain.sum(struts.carried) > descent.options.stiff:
             sensitivities[name] = struts
     return sensitivities
 
@@ -98,10 +98,7 @@ def _with_insertion(
     for name, body_struts in struts.items():
         changes = descent.geometry.with_insertions(trial.boundaries[name], body_struts)
         for other, count in _evaluated(descent, trial, name, changes):
-            if (
-                other.without_sizes(weight)
-                < trial.without_sizes(weight) - descent.geometry.options.worth
-            ):
+            if other.without_sizes(weight) < trial.without_sizes(weight) - descent.options.worth:
                 return other, count
             other.release()
     return None
@@ -133,11 +130,9 @@ def shifted(
     motions = {n: slides(b) for n, b in boundaries.items()}
     if descent.is_stressed or not any(map(len, motions.values())):
         return trial, slopes
-    by_orbits = [
-        np.einsum("skd,kd->sk", motions[n], b.normals) @ b.expansion / b.expansion.sum(axis=0).A1
-        for n, b in boundaries.items()
-    ]
-    by_motions, ends = block_diag(*by_orbits), np.cumsum(list(map(len, by_orbits)))[:-1]
+    offsets_of_motions = [_offsets(b, motions[n]) for n, b in boundaries.items()]
+    by_motions = block_diag(*offsets_of_motions)
+    ends = np.cumsum(list(map(len, offsets_of_motions)))[:-1]
 
     def along(found: Slopes) -> Array:
         bounds = found.slopes[len(found.values) - found.bounds :]
@@ -154,7 +149,7 @@ def shifted(
         except TrialFailed:
             return None
 
-    options, slope = descent.geometry.options, along(slopes)
+    options, slope = descent.options, along(slopes)
     # of crossings whose slide by a member would bring a tenth of what another change must
     slides_on = np.abs(slope) > 0.1 * options.worth
     lengths = np.where(slides_on, -options.slide * np.sign(slope), 0.0)
@@ -169,3 +164,10 @@ def shifted(
     if best is second:
         return second, descent.slopes(second)
     return (first_slide, slopes_there) if best is first_slide else (trial, slopes)
+
+
+def _offsets(boundary: Boundary, motions: Array) -> Array:
+    """Offsets of the orbits in ``motions`` (motions, controls, 2), (motions, orbits)."""
+    along_normals = np.einsum("skd,kd->sk", motions, boundary.normals)
+    offsets = [boundary.mean_of_orbits(row) for row in along_normals]
+    return np.array(offsets).reshape(-1, boundary.n_offsets)
