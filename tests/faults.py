@@ -26,7 +26,7 @@ body/moments.py | np.outer(scale, scale))[0] | np.outer(scale, scale))[1] | body
 body/volume_integrals.py | range(weights.ndim - 1) | range(weights.ndim) | dynamics/test_stiffened_markers.py
 boundary/curve.py | np.tile(0.5 * weights | np.tile(weights | boundary/test_curve.py
 boundary/derivative.py | 0.5 * node_gradient[self._middles] | node_gradient[self._middles] | boundary/test_move_boundary.py
-boundary/sizes.py | by_first -= 3.0 * | by_first -= 2.0 * | boundary/test_move_boundary.py
+boundary/sizes.py | by_slope -= 3.0 * | by_slope -= 2.0 * | boundary/test_move_boundary.py
 boundary/step.py | solved = self._solved - self | solved = self._solved + self | boundary/test_step.py
 boundary/splines.py | kron(kron(x, y), z) | kron(kron(x, x), z) | boundary/test_surface.py
 design/density_filter.py | 1.0 - np.tanh(self.beta * (means | 1.0 + np.tanh(self.beta * (means | design/test_density_filter.py

@@ -29,8 +29,8 @@ class Bending(NamedTuple):
     """Curvature and derivatives of a curve at some parameters."""
 
     curvature: Array  #: (points,) [1/m]
-    first: Array  #: First derivative by the parameter, (points, 2) [m]
-    second: Array  #: Second derivative, (points, 2) [m]
+    slope: Array  #: First derivative by the parameter, (points, 2) [m]
+    bend: Array  #: Second derivative, (points, 2) [m]
     speed: Array  #: Length of the first derivative, infinite where it vanishes, (points,) [m]
 
 
@@ -108,12 +108,12 @@ class FreeCurve:
 
     def bending(self, s: Array) -> Bending:
         """Curvature and derivatives at parameters (points,)."""
-        first, second = (self.at(s, order) for order in (1, 2))
-        speed = np.linalg.norm(first, axis=1)
+        slope, bend = (self.at(s, order) for order in (1, 2))
+        speed = np.linalg.norm(slope, axis=1)
         # at the ends of an open curve, where it is straight, the first derivative vanishes
         speed[speed < 1e-6 * np.max(speed)] = np.inf
-        curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
-        return Bending(curvature, first, second, speed)
+        curvature = (slope[:, 0] * bend[:, 1] - slope[:, 1] * bend[:, 0]) / speed**3
+        return Bending(curvature, slope, bend, speed)
 
     @property
     def smallest_radius(self) -> float:
@@ -166,8 +166,8 @@ class FreeCurve:
         s = start
         for _ in range(5):
             tangent = self.at(s, 1)
-            along = np.einsum("ij,ij->i", points - self.at(s), tangent)
-            s = s + along / np.maximum(np.einsum("ij,ij->i", tangent, tangent), 1e-300)
+            tangential = np.einsum("ij,ij->i", points - self.at(s), tangent)
+            s = s + tangential / np.maximum(np.einsum("ij,ij->i", tangent, tangent), 1e-300)
             s = s % self.spans if self.closed else np.clip(s, 0.0, self.spans)
         return s
 

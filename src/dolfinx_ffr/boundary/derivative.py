@@ -77,10 +77,10 @@ class CurveMotion(NodeMotion[Boundary]):
         sides = np.concatenate([cells[:, ends] for ends in _ENDS])
         middles = np.concatenate([cells[:, local] for local in _MIDDLES])
         side_keys = np.sort(sides, axis=1) @ np.array([len(x), 1])
-        _, first, count = np.unique(side_keys, return_index=True, return_counts=True)
+        _, side, count = np.unique(side_keys, return_index=True, return_counts=True)
 
         # in pockets, whose floors are meshed, too, the curves run through the mesh
-        outer_nodes = sides[first[count == 1]].ravel()
+        outer_nodes = sides[side[count == 1]].ravel()
         corners_on_curves = corners[on_curve[corners]]
         edge = np.unique(np.concatenate([outer_nodes, corners_on_curves]))
         is_inside = np.zeros(len(x), dtype=bool)
@@ -88,9 +88,9 @@ class CurveMotion(NodeMotion[Boundary]):
         is_inside[edge] = False
         self._edge, self._inside = edge, np.flatnonzero(is_inside)
 
-        middles = middles[first]
+        middles = middles[side]
         is_straight = ~on_curve[middles]
-        self._middles, self._ends = middles[is_straight], sides[first][is_straight]
+        self._middles, self._ends = middles[is_straight], sides[side][is_straight]
 
         stiffness = laplace(x, corners)
         self._coupling = stiffness[edge][:, self._inside]
@@ -114,11 +114,11 @@ def _followers(boundary: Boundary, x: Array) -> tuple[csr_matrix, Mask]:
     """Weights of the controls in nodes, (nodes, controls); which nodes are on free curves."""
     on_curve = np.zeros(len(x), dtype=bool)
     rows, columns, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
-    near = _SAMPLE * boundary.member
+    sample_distance = _SAMPLE * boundary.member
     for key, curve in boundary.free.items():
-        s = curve.sampled(near)
+        s = curve.sampled(sample_distance)
         distance, nearest = cKDTree(curve.at(s)).query(x)
-        nodes = np.flatnonzero(distance < near)
+        nodes = np.flatnonzero(distance < sample_distance)
         node_parameters = curve.nearest(x[nodes], s[nearest[nodes]])
         deviation = np.linalg.norm(curve.at(node_parameters) - x[nodes], axis=1)
         fits = (deviation < _ON * boundary.member) & ~on_curve[nodes]

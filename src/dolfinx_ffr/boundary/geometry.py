@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, ClassVar, Generic, TypeVar
 
 from mpi4py import MPI
@@ -24,7 +25,7 @@ from .outline import Boundary
 from .sizes import Rows, control_position_rows, radius_rows, size_rows
 from .spread import spread
 from .step import best_step
-from .struts import missing
+from .struts import missing_strut
 from .surface import Surface, SurfaceMotion
 
 B = TypeVar("B", Boundary, Surface)
@@ -169,18 +170,18 @@ class PlaneGeometry(BoundaryGeometry[Boundary]):
         return boundary
 
     def offsets_between(self, before: Boundary, after: Boundary) -> Array:
-        first, last = (
+        controls = [
             np.vstack([curve.control for curve in boundary.free.values()])
             for boundary in (before, after)
-        )
-        return before.mean_of_orbits(np.einsum("kd,kd->k", last - first, before.normals))
+        ]
+        motion = controls[1] - controls[0]
+        return before.mean_of_orbits(np.einsum("kd,kd->k", motion, before.normals))
 
     def with_insertions(self, boundary: Boundary, struts: Struts) -> Iterator[tuple[Boundary, int]]:
-        for ends in missing(boundary, struts):
-            try:
+        ends = missing_strut(boundary, struts)
+        if ends is not None:
+            with suppress(ShapeError):
                 yield with_strut(boundary, ends), 1
-            except ShapeError:
-                continue
 
     def strut_shares(self, boundary: Boundary, struts: Struts) -> StrutShares:
         domain = struts.domain

@@ -70,7 +70,9 @@ def joined(boundary: Boundary, pair: HolePair) -> Boundary:
             for i, j in pairs[group_of_pair == number].tolist()
         ]
         union = shapely.union_all([*bridges, *(boundary.hole(key) for key in members)])
-        union = _without_narrow_places(union, boundary.member)
+        # no place is narrower than a member, which curves so coarse could not follow
+        radius = 0.5 * boundary.member
+        union = union.buffer(-radius).buffer(radius)
         if are_far or not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
             raise ShapeError("boundary: the holes are too far apart to be made one")
         runs.append(_run_around(union))
@@ -87,16 +89,6 @@ def _images_of_pair(boundary: Boundary, pair: HolePair) -> Integers:
         tuple(sorted(tree.query(isometry(centers))[1].tolist())) for isometry in boundary.isometries
     }
     return np.array(sorted(pairs))
-
-
-def _without_narrow_places(hole: shapely.Geometry, member: float) -> shapely.Geometry:
-    """A hole without narrow bays of its rim, and without places narrower than a member.
-
-    Curves as coarse as ours could not follow those.
-    """
-    bay = CURVES.bays * member
-    without_bays = hole.buffer(bay).buffer(-bay)
-    return without_bays.buffer(-0.5 * member).buffer(0.5 * member)
 
 
 def with_strut(boundary: Boundary, ends: Array) -> Boundary:

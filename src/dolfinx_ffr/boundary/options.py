@@ -12,8 +12,7 @@ class StepOptions:
 
     # the step
     smooth: float = 2.4  #: Length over which a step is smooth
-    first: float = 0.5  #: Reach of the first step, which is its longest offset
-    longest: float = 0.65  #: Largest reach
+    longest: float = 0.65  #: Largest reach of a step, its longest offset; that of the first one
     longer: float = 1.2  #: Factor of the reach after a step that lowers the merit
     shorter: float = 0.7  #: Factor of the reach after any other step
     shortest: float = 1e-3  #: Reach below which a new mesh changes psi more than the step does
@@ -84,7 +83,6 @@ class BoundaryOptions:
     oversize: float = 1.02  #: Factor by which minimum sizes are exceeded, as rows are linear
     constrained: float = 1.5  #: Sizes up to so many times the minimum have a row
     across: float = 0.8  #: Least cosine between a width and the normals at its ends
-    facing: float = -0.5  #: Largest product of these normals
     mending: int = 3  #: Most rounds in which the sizes of a trial are mended
     added_area: float = 0.1  #: Area that this may add, in squares of the minimum member
 
@@ -92,16 +90,12 @@ class BoundaryOptions:
     idle: float = 2e-3  #: Share of psi that a strut carries at most to be removed on trial
     idle_tried: int = 3  #: Idle struts that are tried at one time
     promised: float = 0.01  #: Fall of log psi that a new strut must promise to be tried
-    promised_of_best: float = 0.3  #: The same, in falls that the best strut promises
-    tried: int = 2  #: New struts that are tried at one time
     strut_ends: float = 1.5  #: Distance of points between which struts are looked for
     shortest_strut: float = 3.0  #: Length
     steep: float = 0.3  #: Least cosine between a strut and the normals at its ends
-    struts_apart: float = 0.5  #: Distance of struts that are tried, in lengths of the shorter one
     strut_width: float = 1.1  #: Width of struts that are inserted
     joined: float = 6.0  #: Largest distance of holes that are joined
     convex: float = 3.0  #: How far from the strut between them joined holes are made convex
-    bays: float = 0.9  #: Half the width of bays of joined holes that go
     smallest_hole: float = 5.0  #: Area, in squares of the minimum member
 
 

@@ -42,9 +42,9 @@ class Rows(NamedTuple):
 class Widths(NamedTuple):
     """Straight lines between two samples of a boundary, shapes (widths, ...)."""
 
-    first: Integers  #: Numbers of the samples at one end
-    second: Integers  #: At the other end
-    displacement: Array  #: From the first to the second, (widths, 2) [m]
+    start: Integers  #: Numbers of the samples at one end
+    end: Integers  #: At the other end
+    displacement: Array  #: From start to end, (widths, 2) [m]
     length: Array  #: [m]
 
 
@@ -72,10 +72,11 @@ def _widths(samples: Samples, widest: float) -> Widths:
     points, normals = samples.points, samples.normals
     pairs = cKDTree(points).query_pairs(widest, output_type="ndarray")
     product = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
-    pairs = pairs[product < CURVES.facing]
-    first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
-    displacement = points[second] - points[first]
-    return Widths(first, second, displacement, np.linalg.norm(displacement, axis=1))
+    # two normals along a width, up to the angle arccos(across), are twice that from opposite
+    pairs = pairs[product < 1.0 - 2.0 * CURVES.across**2]
+    start, end = np.concatenate([pairs, pairs[:, ::-1]]).T
+    displacement = points[end] - points[start]
+    return Widths(start, end, displacement, np.linalg.norm(displacement, axis=1))
 
 
 def _narrowest_places(
@@ -85,27 +86,26 @@ def _narrowest_places(
 
     Widths that lead ``outwards`` are gaps, others members; their ``least`` length is in [m].
     """
-    first, length = widths.first, widths.length
+    start, length = widths.start, widths.length
     sign = 1.0 if outwards else -1.0
-    along_normal = np.einsum("ij,ij->i", widths.displacement, samples.normals[first])
+    along_normal = np.einsum("ij,ij->i", widths.displacement, samples.normals[start])
     is_across = sign * along_normal > CURVES.across * length
     is_near = length < CURVES.constrained * least
     moves = np.diff(samples.rows.indptr) > 0
-    chosen = np.flatnonzero(is_across & is_near & (length > 0.0) & moves[first])
+    chosen = np.flatnonzero(is_across & is_near & (length > 0.0) & moves[start])
 
     # of each sample the shortest width, and of samples at which one control weighs most, too
     chosen = chosen[np.argsort(length[chosen], kind="stable")]
-    chosen = chosen[np.unique(first[chosen], return_index=True)[1]]
+    chosen = chosen[np.unique(start[chosen], return_index=True)[1]]
     chosen = chosen[np.argsort(length[chosen], kind="stable")]
-    nearest_control = np.asarray(samples.rows[first[chosen]].argmax(axis=1)).ravel()
+    nearest_control = np.asarray(samples.rows[start[chosen]].argmax(axis=1)).ravel()
     controls, shortest = np.unique(nearest_control, return_index=True)
     return np.asarray(chosen[shortest[boundary.leads[controls]]])
 
 
 def _width_slopes(boundary: Boundary, samples: Samples, widths: Widths, chosen: Integers) -> Array:
     """Derivatives of -length of the chosen widths by the offsets of controls, (m, controls)."""
-    first, second = widths.first[chosen], widths.second[chosen]
-    weights = samples.rows[first] - samples.rows[second]
+    weights = samples.rows[widths.start[chosen]] - samples.rows[widths.end[chosen]]
     direction = -widths.displacement[chosen] / widths.length[chosen, None]
     along_normals = np.einsum("md,kd->mk", direction, boundary.normals)
     return np.asarray(-weights.toarray() * along_normals)
@@ -154,14 +154,14 @@ def _tightest_places(
 
 def _radius_slopes(curve: FreeCurve, s: Array, bending: Bending, least: float) -> Array:
     """Derivatives of -radius / least at parameters (m,) by offsets of controls, (m, controls)."""
-    curvature, a, b, speed = bending
+    curvature, slope, bend, speed = bending
     # derivatives of the curvature by the first and the second derivative of the curve
-    by_second = np.column_stack([-a[:, 1], a[:, 0]]) / speed[:, None] ** 3
-    by_first = np.column_stack([b[:, 1], -b[:, 0]]) / speed[:, None] ** 3
-    by_first -= 3.0 * (curvature / speed**2)[:, None] * a
+    by_bend = np.column_stack([-slope[:, 1], slope[:, 0]]) / speed[:, None] ** 3
+    by_slope = np.column_stack([bend[:, 1], -bend[:, 0]]) / speed[:, None] ** 3
+    by_slope -= 3.0 * (curvature / speed**2)[:, None] * slope
     normals = curve.control_normals
-    curvature_slopes = curve.rows(s, 1).toarray() * (by_first @ normals.T)
-    curvature_slopes += curve.rows(s, 2).toarray() * (by_second @ normals.T)
+    curvature_slopes = curve.rows(s, 1).toarray() * (by_slope @ normals.T)
+    curvature_slopes += curve.rows(s, 2).toarray() * (by_bend @ normals.T)
     by_curvature = np.sign(curvature) / curvature**2 / least
     return np.asarray(by_curvature[:, None] * curvature_slopes)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where struts are missing: straight ones across holes, by what they would change."""
+"""Where a strut is missing: a straight one across a hole, by what it would change."""
 
 from __future__ import annotations
 
@@ -12,30 +12,14 @@ from .options import CURVES
 from .outline import Boundary
 
 
-def missing(boundary: Boundary, struts: Struts) -> list[Array]:
-    """Ends (2, 2) [m] of struts that promise most, the best first."""
+def missing_strut(boundary: Boundary, struts: Struts) -> Array | None:
+    """Ends (2, 2) [m] of the strut that promises the largest fall of psi, None if no one does."""
     points, ends = _candidates(boundary)
     if not len(ends):
-        return []
-    gains = -struts.changes(points, ends, boundary.member)
-    order = np.argsort(-gains, kind="stable")
-    least_gain = max(CURVES.promised, CURVES.promised_of_best * gains[order[0]])
-
-    promising: list[Array] = []
-    with_images: list[tuple[shapely.Geometry, float]] = []  # and the length of each
-    for k in order[gains[order] > least_gain]:
-        line = shapely.LineString(points[ends[k]])
-        if any(
-            line.distance(images) < CURVES.struts_apart * min(line.length, length)
-            for images, length in with_images
-        ):
-            continue
-        promising.append(points[ends[k]])
-        if len(promising) == CURVES.tried:
-            break
-        images = shapely.MultiLineString([g(promising[-1]) for g in boundary.isometries])
-        with_images.append((images, line.length))
-    return promising
+        return None
+    changes = struts.changes(points, ends, boundary.member)
+    best = int(np.argmin(changes))
+    return points[ends[best]] if changes[best] < -CURVES.promised else None
 
 
 def _candidates(boundary: Boundary) -> tuple[Array, Integers]:

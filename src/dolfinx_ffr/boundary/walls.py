@@ -145,42 +145,57 @@ class Sides:
             largest,
         )
         moves = np.arange(len(samples.points)) < len(moving.points)
+        is_wall = self._is_amid_wall(balls, least)
         windows = self.outline.points[self._may_open & ~is_material]
-        is_wall = self._is_wall(balls, moves, windows, least)
-        is_wall &= _is_near(samples.points, near, reach)
-        return _as_walls(balls, moves, np.flatnonzero(is_wall & (2.0 * balls.radius < widest)))
+        tips, tip_radii = self._tips_of_hollows(balls, moves, is_wall, windows, least)
 
-    def _is_wall(self, balls: Balls, moves: Mask, windows: Array, least: float) -> Mask:
-        """Mask of the balls whose diameter is the thickness of a wall or a post, (n,).
-
-        Each wall has a ball at a sample that ``moves``, but at the tip of a hollow. The radius of
-        balls there is set to that of the ball which touches a sample of the tip. Given are places
-        of ``windows`` (k, 3) [m] and the ``least`` thickness of posts.
-        """
-        inclined = np.radians(self.options.inclined)
-        touches = balls.ends >= 0
-        is_wall = (balls.cosine < -np.cos(inclined)) & touches
-        is_wall[balls.thin(0.5 * least)] = True
-
-        # of a post the ball amid it counts: those beside its edges are smaller
-        posts = np.flatnonzero(is_wall & (balls.cosine >= -np.cos(inclined)))
-        is_wall &= ~_is_in_wedge(balls, posts, least, np.sin(0.5 * inclined))
-
-        # at the tip of a hollow samples are inclined: below a face the ball is that which touches
-        # one of them
-        tips = np.flatnonzero(~moves & moves[balls.ends] & ~is_wall & touches)
+        radius = balls.radius.copy()
+        radius[tips] = tip_radii
         is_wall &= moves
-        to_end = balls.points[balls.ends[tips]] - balls.points[tips]
+        is_wall[tips] = True
+        is_wall &= _is_near(samples.points, near, reach) & (2.0 * radius < widest)
+        numbers = np.flatnonzero(is_wall)
+        numbers = numbers[np.argsort(radius[numbers], kind="stable")]
+        return _as_walls(balls, radius, moves, numbers)
+
+    @property
+    def _inclined(self) -> float:
+        """Angle between the sides of a wall up to which they count as opposite [rad]."""
+        return float(np.radians(self.options.inclined))
+
+    def _is_amid_wall(self, balls: Balls, least: float) -> Mask:
+        """Mask of the balls between opposite sides, and amid posts thinner than ``least``, (n,)."""
+        is_opposite = balls.cosine < -np.cos(self._inclined)
+        is_wall = is_opposite & (balls.ends >= 0)
+        is_wall[balls.thin(0.5 * least)] = True
+        # of a post the ball amid it counts: those beside its edges are smaller
+        posts = np.flatnonzero(is_wall & ~is_opposite)
+        return np.asarray(
+            is_wall & ~_is_in_wedge(balls, posts, least, np.sin(0.5 * self._inclined))
+        )
+
+    def _tips_of_hollows(
+        self, balls: Balls, moves: Mask, is_wall: Mask, windows: Array, least: float
+    ) -> tuple[Integers, Array]:
+        """Samples of a face below which a hollow ends in a thin wall, and radii of the balls there.
+
+        At the tip of a hollow all samples are inclined, so the ball is that which touches one of
+        them. Given are masks (n,) of samples that move and of walls, and places of ``windows``
+        (k, 3) [m].
+        """
+        ends = balls.ends
+        tips = np.flatnonzero(~moves & moves[ends] & ~is_wall & (ends >= 0))
+        to_end = balls.points[ends[tips]] - balls.points[tips]
         depth = np.sum(to_end * balls.normals[tips], axis=1)
-        balls.radius[tips] = 0.5 * np.sum(to_end**2, axis=1) / depth
-        # but the rim of a window is a wedge that begins at the window
+        radius = 0.5 * np.sum(to_end**2, axis=1) / depth
+
+        # the rim of a window is a wedge that begins at the window, and no wall
         to_window = np.full(len(tips), np.inf)
         if len(windows):
             to_window = cKDTree(windows).query(balls.points[tips])[0]
-        in_wedge = balls.radius[tips] > np.tan(0.5 * inclined) * to_window
-        is_rim = (to_window < least) | in_wedge
-        is_wall[tips] = (2.0 * balls.radius[tips] < least) & ~is_rim
-        return is_wall
+        in_wedge = radius > np.tan(0.5 * self._inclined) * to_window
+        is_thin = (2.0 * radius < least) & (to_window >= least) & ~in_wedge
+        return tips[is_thin], radius[is_thin]
 
     # ------------------------------------------------------------------ fields
 
@@ -296,20 +311,18 @@ def _with_balls(field: Field, centers: Array, diameter: float) -> Field:
     return lambda x: np.maximum(field(x), 0.5 * diameter - tree.query(x)[0])
 
 
-def _as_walls(balls: Balls, moves: Mask, numbers: Integers) -> Walls:
-    """The walls of some balls, the thinnest first, each from a sample that ``moves`` (n,)."""
-    numbers = numbers[np.argsort(balls.radius[numbers], kind="stable")]
+def _as_walls(balls: Balls, radius: Array, moves: Mask, numbers: Integers) -> Walls:
+    """The walls of some balls with these radii (n,) [m], each from a sample that ``moves`` (n,)."""
     ends = balls.ends[numbers]
-    from_moving = moves[numbers]
-    first = np.where(from_moving, numbers, ends)
-    second = np.where(from_moving, ends, numbers)
+    point_numbers = np.where(moves[numbers], numbers, ends)
+    end_numbers = np.where(moves[numbers], ends, numbers)
     return Walls(
-        points=balls.points[first],
-        inward=balls.normals[first],
-        ends=balls.points[second],
-        across=balls.normals[second],
-        moving=moves[second],
-        thickness=2.0 * balls.radius[numbers],
+        points=balls.points[point_numbers],
+        inward=balls.normals[point_numbers],
+        ends=balls.points[end_numbers],
+        across=balls.normals[end_numbers],
+        moving=moves[end_numbers],
+        thickness=2.0 * radius[numbers],
     )
 
 

@@ -62,12 +62,11 @@ def move_boundary(
     gaps and radii are linear constraints of the step. Before the first step and every fifth one
     after it, struts are inserted across holes of a body in the plane if psi falls by them, and
     windows in walls of a solid; struts that carry little are removed on trial, and crossings slide
-    as a whole. Every five
-    steps normal modes are added where they do not suffice. Ctrl-C ends the run after the step at
-    hand.
+    as a whole. Every five steps normal modes are added where they do not suffice. Ctrl-C ends the
+    run after the step at hand.
 
-    The result is told by finer meshes. Where these exceed a bound that those of the steps keep, it
-    is tightened by the difference, and four more steps follow, up to three times.
+    The result is evaluated on finer meshes. A bound that is violated there, but not on the meshes
+    of the steps, is tightened by the difference, and four more steps follow, up to three times.
 
     Args:
         problem: The problem for which the parts were designed.
@@ -153,7 +152,7 @@ def moved(
 
 
 class BoundaryPhase:
-    """The steps of boundaries after those of densities, with all that goes with them.
+    """The steps of boundaries with their progress, history, checkpoint and result.
 
     Args:
         run: Progress, and the user's wish to stop.
@@ -181,7 +180,7 @@ class BoundaryPhase:
         self._materials: dict[str, list[BaseGeometry]] = {}
 
     def result(self, steps_from: MakeSteps) -> BoundaryResult:
-        """The best boundaries of all steps, told by finer meshes; collective."""
+        """The best boundaries of all steps, evaluated on finer meshes; collective."""
         run, more = self._run, self._options.more_steps
         with run.running():
             trials = count(1)

@@ -19,7 +19,7 @@ from .descent import NONE, Descent, Slopes, Step, Trial
 from .enough_modes import EVERY, chosen_methods, with_methods
 from .signed_log import SignedLog
 from .stepper import FEASIBLE, numbers_by_name, safety_margins, with_prefix, without_prefix
-from .topology import changed, shifted
+from .topology import changed, with_slides
 from .trial_failed import TrialFailed
 
 Boundaries = dict[str, Boundary | Surface]
@@ -59,7 +59,7 @@ class CurveSteps(Iterator[Trial]):
         self._first_modes = {n: body.modes for n, body in descent.problem.flexible.items()}
         self._descent = descent
         self._options = descent.options
-        self._reach, self._weight = self._options.first, self._options.penalty
+        self._reach, self._weight = self._options.longest, self._options.penalty
         self._margin, self._secants = 0.0, NONE
         if state is None:
             self._begin(boundaries)
@@ -114,7 +114,8 @@ class CurveSteps(Iterator[Trial]):
             slopes = self._descent.slopes(trial, self._margin)
             self._reach, self._secants = max(self._reach, self._options.reach_again), NONE
         before, slopes_before = trial, slopes
-        trial, slopes = shifted(self._descent, trial, slopes, step.bound_multipliers, self._weight)
+        multipliers = step.bound_multipliers
+        trial, slopes = with_slides(self._descent, trial, slopes, multipliers, self._weight)
         if trial is not before:
             before.release()
             self._secants = self._descent.secants(self._secants, before, slopes_before, trial)

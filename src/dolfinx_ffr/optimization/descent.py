@@ -46,6 +46,8 @@ _GEOMETRIES: dict[int, BoundaryGeometry[Any]] = {2: PlaneGeometry(), 3: SpatialG
 
 #: Nothing is known by steps, as before the first one
 NONE = np.zeros((2, 0, 0))
+#: From derivatives by nodes, by body, to those by the offsets of all boundaries, (offsets,)
+Pullback = Callable[[Mapping[str, Array] | None], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,63 +245,85 @@ class Descent:
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial."""
-        bodies, boundaries = trial.problem.flexible, trial.boundaries
         problem, evaluated = trial.problem.adapted(trial.evaluation, parted)
         evaluation = problem.differentiate(evaluated, nodes=True, densities=False)
+        by_offsets = self._pullback(trial)
+        psi = trial.logarithm.slope(evaluation.psi) * by_offsets(evaluation.nodes)
+
+        size_values, size_slopes = self._size_constraints(trial)
+        case_values, case_slopes = self._cases_below(trial, evaluation, by_offsets)
+        bound_values, bound_slopes = self._bounds(trial, evaluation, by_offsets, margin)
+        rows = [*(slope - psi for slope in case_slopes), *bound_slopes]
+        return Slopes(
+            psi,
+            np.concatenate([*size_values, case_values, bound_values]),
+            _stacked([*size_slopes, *(row[None] for row in rows)]),
+            len(bound_slopes),
+            evaluation,
+        )
+
+    def _pullback(self, trial: Trial) -> Pullback:
+        """From derivatives by the nodes of all bodies to those by offsets in minimum members."""
+        bodies, boundaries = trial.problem.flexible, trial.boundaries
         motions = {n: self.geometry.motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
-        def along(nodes: Mapping[str, Array] | None) -> Array:
+        def by_offsets(nodes: Mapping[str, Array] | None) -> Array:
             assert nodes is not None
-            by_offsets = [
+            slopes = [
                 b.member * motions[n].pullback(nodes[n]) if n in nodes else np.zeros(b.n_offsets)
                 for n, b in boundaries.items()
             ]
-            return np.concatenate(by_offsets)
+            return np.concatenate(slopes)
 
-        def slopes_of(rows: dict[str, Rows]) -> Array | csr_matrix:
-            blocks = [b.member * rows[n].slopes for n, b in boundaries.items()]
-            if issparse(blocks[0]):
-                return csr_matrix(sparse_block_diag(blocks))
-            return block_diag(*blocks)
+        return by_offsets
 
-        bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
-        violations = []
-        for name, bound in evaluation.constraints.items():
-            # each place of a bound keeps the margin of that bound
-            margins = [
-                value
-                for whole, value in trial.margins.items()
-                if name == whole or name.startswith(f"{whole}, part")
-            ]
-            violations.append(float(bound.violation) + max(margins, default=0.0) + margin)
-        violations += [trial.with_margins[f"volume of {name}"] for name in self.volume]
-        for name, bound_share in self.volume.items():
-            body = bodies[name]
-            areas = body.measures_pullback(evaluation.bodies[name].density, None)
-            bounds.append(along({name: areas}) / (bound_share * boundaries[name].body.area))
-        psi = trial.logarithm.slope(evaluation.psi) * along(evaluation.nodes)
-        below, slopes_of_cases = self._cases_below(trial, evaluation, along)
+    def _size_constraints(self, trial: Trial) -> tuple[list[Array], list[Array | csr_matrix]]:
+        """Values and slopes of constraints on members and gaps, on radii, and on positions."""
+        boundaries = trial.boundaries
         # no offset is longer than 1.5 times that of the step
         longest = 1.5 * self.options.longest
         positions = {
             n: self.geometry.position_rows(b, longest * b.member) for n, b in boundaries.items()
         }
-        geometric = (trial.sizes, trial.radii, positions)
-        values = [rows.values for by_body in geometric for rows in by_body.values()]
-        rows = [*(row - psi for row in slopes_of_cases), *bounds]
-        return Slopes(
-            psi,
-            np.concatenate([*values, below, violations]),
-            _stacked([*map(slopes_of, geometric), *(row[None] for row in rows)]),
-            len(bounds),
-            evaluation,
-        )
+        values: list[Array] = []
+        slopes: list[Array | csr_matrix] = []
+        for rows_of_bodies in (trial.sizes, trial.radii, positions):
+            values += [rows.values for rows in rows_of_bodies.values()]
+            blocks = [b.member * rows_of_bodies[n].slopes for n, b in boundaries.items()]
+            if issparse(blocks[0]):
+                slopes.append(csr_matrix(sparse_block_diag(blocks)))
+            else:
+                slopes.append(block_diag(*blocks))
+        return values, slopes
+
+    def _bounds(
+        self, trial: Trial, evaluation: Evaluation, by_offsets: Pullback, margin: float
+    ) -> tuple[list[float], list[Array]]:
+        """Violations with their margins, and slopes, of constraints and of volumes."""
+        values: list[float] = []
+        slopes: list[Array] = []
+        for name, bound in evaluation.constraints.items():
+            # each place of a bound keeps the margin of that bound
+            margins = [
+                bound_margin
+                for bound_name, bound_margin in trial.margins.items()
+                if name == bound_name or name.startswith(f"{bound_name}, part")
+            ]
+            values.append(float(bound.violation) + max(margins, default=0.0) + margin)
+            slopes.append(by_offsets(bound.nodes))
+        for name, bound_share in self.volume.items():
+            values.append(trial.with_margins[f"volume of {name}"])
+            body = trial.problem.flexible[name]
+            by_nodes = body.measures_pullback(evaluation.bodies[name].density, None)
+            area = bound_share * trial.boundaries[name].body.area
+            slopes.append(by_offsets({name: by_nodes}) / area)
+        return values, slopes
 
     def _cases_below(
         self,
         trial: Trial,
         evaluation: Evaluation,
-        along: Callable[[Mapping[str, Array] | None], Array],
+        by_offsets: Pullback,
     ) -> tuple[Array, list[Array]]:
         """By how much other load cases are below the worst one, where that is minimised.
 
@@ -312,12 +336,14 @@ class Descent:
         psi = {name: case.psi for name, case in cases.items()}
         weighted, logarithm = combine.weighted(psi), trial.logarithm
         worst = max(weighted, key=lambda name: weighted[name])
-        others = [name for name in combine.near(psi) if name != worst]
-        below = [logarithm.value(weighted[n]) - logarithm.value(weighted[worst]) for n in others]
-        slopes = [
-            combine.weight(n) * logarithm.slope(weighted[n]) * along(cases[n].nodes) for n in others
-        ]
-        return np.array(below), slopes
+        values, slopes = [], []
+        for name in combine.near(psi):
+            if name == worst:
+                continue
+            values.append(logarithm.value(weighted[name]) - logarithm.value(weighted[worst]))
+            weight = combine.weight(name) * logarithm.slope(weighted[name])
+            slopes.append(weight * by_offsets(cases[name].nodes))
+        return np.array(values), slopes
 
     def step(self, trial: Trial, slopes: Slopes, reach: float, earlier: Array = NONE) -> Step:
         """The best step, the longest offset of which is ``reach`` minimum members.
@@ -326,7 +352,7 @@ class Descent:
         """
         boundaries = trial.boundaries
         options = self.options
-        # the gradient of a stress is rough, on surfaces too
+        # where a stress counts, steps are as smooth in space as in the plane
         smooth = PLANE_STEPS.smooth if self.is_stressed else options.smooth
         metrics = [boundary.metric(smooth * boundary.member) for boundary in boundaries.values()]
         metric = csc_matrix(sparse_block_diag(metrics))
