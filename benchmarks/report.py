@@ -188,15 +188,15 @@ def facts() -> str:
     pairs = zip(names, packages, strict=True)
     versions = ", ".join(f"{name} {version(package)}" for name, package in pairs)
     busy = (
-        "- **the machine was not free when the run began: the times are longer than they need be, "
-        "those on 2 ranks most of all; ratios from one line suffer less**\n"
+        "- **the machine was busy when the run began: times are longer than on a free machine, "
+        "most of all on 2 ranks; ratios within a line suffer less**\n"
     )
     return (
         f"- machine: {_processor()}, {len(os.sched_getaffinity(0))} cores for this process, "
         f"load {LOAD_BEFORE:.1f} before the run and {os.getloadavg()[0]:.1f} at its end\n"
         f"{busy if LOAD_BEFORE > 0.5 else ''}"
         f"- {_system()}, Python {platform.python_version()}, {versions}\n"
-        f"- one BLAS thread; 1 MPI rank where nothing else is said; measured on "
+        f"- one BLAS thread; 1 MPI rank unless stated otherwise; measured on "
         f"{time.strftime('%Y-%m-%d')}\n" + "".join(f"- **{note}**\n" for note in NOTES)
     )
 

@@ -121,13 +121,13 @@ def _agree(failed: bool, reason: str, config: pytest.Config, nodeid: str) -> lis
     limit = time.monotonic() + (GRACE if failed else HANGING)
     while not request.Test():
         if time.monotonic() > limit:
-            said = f"{'has failed' if failed else 'is done'} on rank {AGREEMENT.rank}"
-            said += f", while another rank hangs; all ranks are stopped.\n{reason}"
-            print(f"\n{nodeid}: {said}", file=config.stash[STDERR], flush=True)
+            message = f"{'has failed' if failed else 'is done'} on rank {AGREEMENT.rank}"
+            message += f", while another rank hangs; all ranks are stopped.\n{reason}"
+            print(f"\n{nodeid}: {message}", file=config.stash[STDERR], flush=True)
             AGREEMENT.Abort(1)
         time.sleep(1e-4)
-    said = AGREEMENT.allgather(reason if failed else "")
-    return [f"on rank {rank}: {text}" for rank, text in enumerate(said) if text]
+    message = AGREEMENT.allgather(reason if failed else "")
+    return [f"on rank {rank}: {text}" for rank, text in enumerate(message) if text]
 
 
 @pytest.hookimpl(wrapper=True)

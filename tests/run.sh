@@ -28,7 +28,7 @@ serial_selection=(
     tests/part/test_export.py
     tests/part/test_solid.py
     tests/plotting/test_space.py
-    tests/plotting/test_plotting.py::test_dark_share_of_a_design_is_its_volume
+    tests/plotting/test_plotting.py::test_shade_is_the_density
     tests/scene_file/test_reading.py
     tests/test_package.py
     tests/test_problem.py::test_gradient_with_a_marker_inside

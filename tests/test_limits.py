@@ -58,12 +58,10 @@ def wide_extension(comm: MPI.Comm) -> VelocityExtension:
         (lambda c: square(c, 10_000, 10_000), "100,000,000 cells"),
         (lambda c: square(c, 2000, 1000, cell="triangle"), "8,000,000 cells"),
         (lambda c: Domain.box(c, 1, 1, 1, elements=(1000, 1000, 1000)), "1,000,000,000 cells"),
-        (lambda c: Domain.box(c, 1, 1, 1, elements=(10**9,) * 3), r"1e\+27 cells"),
         (lambda c: outline(c, circle(100), 1e-5), "triangles of 1e-05 m.*give a larger size"),
         (lambda c: outline(c, circle(100), 1e-300), "inf triangles"),
         (lambda c: outline(c, circle(1_000_000), 0.1), "1,000,000 points.*simplify"),
         (lambda c: Part(rod(c), strip, spacing=1e-6), "points of a lattice.*a larger spacing"),
-        (lambda c: Part(rod(c), strip, spacing=1e-300), "inf points of a lattice"),
         (lambda c: Part(rod(c), strip, resolution=100_000), "points of a lattice.*resolution"),
         (lambda c: Part(rod(c), strip).domain(1e-5), "triangles of 1e-05 m"),
         (lambda c: Solid(box(c), strip).domain(1e-6), "tetrahedra are more than the 8,000,000"),
@@ -137,10 +135,10 @@ def test_drawings(comm: MPI.Comm, shared_tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_many_holes(comm: MPI.Comm) -> None:
-    """Thousands of holes are nested."""
+    """A thousand holes are nested."""
     from dolfinx_ffr.fem.outline import closed_outline, read_outline
 
-    n, square = 60, np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    n, square = 32, np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
     places = np.array([(i, j) for i in range(n) for j in range(n)])
     rings = [n * square, *(0.3 * square + place + 0.2 for place in places)]
     drawing = closed_outline("outline", read_outline(rings, None), [])

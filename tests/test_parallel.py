@@ -6,7 +6,7 @@ from __future__ import annotations
 import pickle
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from shared.problems import Copy, slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import parallel, plotting
-from dolfinx_ffr.parallel import check_alike, nearly_equal, on_every_rank, on_rank_0
+from dolfinx_ffr.parallel import on_every_rank, on_rank_0
 
 
 class Unportable(Exception):
@@ -102,71 +102,6 @@ def test_a_rank_that_is_still_inside_learns_of_it(comm: MPI.Intracomm) -> None:
                 raise ZeroDivisionError
             call()
     assert domain.sum(ones) == domain.n_cells_global
-
-
-@dataclass(frozen=True)
-class Law:
-    """A number for all ranks, and numbers of this rank's cells."""
-
-    young: float
-    cells: Any = None
-
-
-@pytest.mark.mpi
-def test_arguments_that_differ_are_named(comm: MPI.Intracomm) -> None:
-    is_last = comm.rank == comm.size - 1
-    own_values = np.arange(3.0 + comm.rank)
-    next_one = np.nextafter(0.3, 1.0) if is_last else 0.3
-    arguments = {
-        "law": Law(next_one, own_values),
-        "function": lambda t: t,
-        "start": next_one * np.arange(5.0),
-    }
-    check_alike(comm, "test", {**arguments, "text": "a", "nothing": None, "nan": np.nan})
-    if comm.size == 1:
-        return
-    differing: dict[str, tuple[Any, Any, str]] = {
-        "steps": (200, 190, "200 on rank 0, and 190 on rank"),
-        "volume": (0.5, 0.6, "0.5 on rank 0, and 0.6 on rank"),
-        "resume": (True, False, "True on rank 0, and False on rank"),
-        "law": (Law(1.0), Law(2.0), r"Law\(young=1.0"),
-        "start": (np.arange(3.0), np.arange(1.0, 4.0), "3 numbers of norm 2.236"),
-        "options": ({"a": [1, (2,)]}, {"a": [1, (3,)]}, r"\{'a': \(1, \(2\)\)\}"),
-        "kind": (Law(1.0), 1.0, "Law"),
-        # small ones are compared like large ones, and fields that are not shown as well
-        "psi": (1e-7, 5e-7, "1e-07 on rank 0, and 5e-07 on rank"),
-        "force": (2.4e-5 * np.ones(3), 2.49e-5 * np.ones(3), "3 numbers of norm 4.15"),
-        "tolerance": (1e-9, 1e-11, "1e-09 on rank 0, and 1e-11"),
-        "many steps": (10**9, 10**9 + 1, "1000000000 on rank 0, and 1000000001"),
-        "size": (np.zeros(3), np.zeros(4), "3 numbers of .* on rank 0, and 4 numbers"),
-        "optimizer": (ffr.MMA(move=0.05), ffr.MMA(move=0.06), r"move=0\.05"),
-    }
-    with pytest.raises(ValueError, match=r"only differs .*nothing on rank 0, and 1 on rank"):
-        check_alike(comm, "test", {"only": 1} if is_last else {})
-    for name, (here, there, message) in differing.items():
-        with pytest.raises(ValueError, match=f"test: {name} differs between .*: .*{message}"):
-            check_alike(comm, "test", {"first": 1, name: there if is_last else here})
-
-
-@pytest.mark.parametrize(
-    ("one", "other", "alike"),
-    [
-        (0.1, np.nextafter(0.1, 1.0), True),
-        (0.1, 0.1 + 1e-8, False),
-        ([0.0, 2.0], [1e-17, 2.0], True),
-        ([0.0, 2.0], [0.0, 2.0, 3.0], False),
-        (np.nan, np.nan, True),
-        (np.nan, 1.0, False),
-        (3, 4, False),
-        ("Wendland(radius=0.015)", "Wendland(radius=0.015000000000000003)", True),
-        ("Wendland(radius=0.015)", "Wendland(radius=0.0151)", False),
-        ("Wendland(radius=0.015)", "Gaussian(length=0.015)", False),
-        ("MMA(move=0.1, tolerance=1e-09)", "MMA(move=0.1, tolerance=1e-10)", False),
-        ("SIMP", 1.0, False),
-    ],
-)
-def test_the_same_is_the_same_but_for_round_off(one: Any, other: Any, alike: bool) -> None:
-    assert nearly_equal(one, other) is alike
 
 
 def test_an_error_of_the_simulation_can_be_sent() -> None:

@@ -92,8 +92,8 @@ def test_same_numbers_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
         mine = all_.trajectory.y.tobytes() + np.float64(all_.psi).tobytes()
         assert len(set(comm.allgather(mine))) == 1
         assert all_.psi == pytest.approx(one.psi, rel=1e-9)
-        found, expected = (e.fixed_interface_frequencies["rod"] for e in (all_, one))
-        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        computed, expected = (e.fixed_interface_frequencies["rod"] for e in (all_, one))
+        np.testing.assert_allclose(computed, expected, rtol=1e-9)
         assert one.gradient is not None and all_.gradient is not None
         place = {
             tuple(p): g for p, g in zip(_keys(serial_problem), one.gradient["rod"], strict=True)
@@ -228,15 +228,11 @@ def test_few_frames_lie_in_between(comm: MPI.Intracomm, monkeypatch: pytest.Monk
     ("objective", "message"),
     [
         (ffr.IntegralCompliance(["bar"]), r"of body 'bar', but the bodies are \['rod', 'disc'\]"),
-        (ffr.Mass("bar"), r"mass of body 'bar', but the bodies are \['rod', 'disc'\]"),
-        (ffr.Frequency("bar"), r"frequency of body 'bar', but the bodies are \['rod', 'disc'\]"),
         (ffr.PathTracking("rod", "middle", (0.0, 0.0)), r"the markers of body 'rod' are \['left'"),
         (ffr.Mass("rod") + ffr.JointForce("pin"), r"the joints are \['crank pin', 'slider'\]"),
-        (ffr.PeakCompliance(["disc"]), r"'disc', which is rigid .* flexible bodies are \['rod'\]"),
-        (ffr.IntegralCompliance(weights={"disc": 2.0}), "'disc', which is rigid"),
+        (ffr.PeakCompliance(["disc"]), r"'disc' is rigid .* flexible bodies are \['rod'\]"),
         (2.0 * ffr.Frequency("disc"), "frequency: body 'disc' is rigid"),
         (ffr.Volume("disc"), r"volume of body 'disc', but the .*\['rod'.* Mass is similar"),
-        (ffr.Frequency("rod", 5, cluster=2), "5 elastic coordinates, too few for .* 5 to 6"),
     ],
 )
 def test_what_does_not_fit_a_body(comm: MPI.Comm, objective: ffr.Objective, message: str) -> None:
@@ -294,29 +290,29 @@ def test_evaluations_of_other_problems_are_refused(comm: MPI.Intracomm) -> None:
     named = ffr.Mechanism({"bar": ffr.Placement()}, [ffr.Weld(("bar", "left"), ffr.Ground())])
     bound = [ffr.Constraint(ffr.Mass("rod"), upper=1.0)]
     for other, message in (
-        (slider_crank(comm, (12, 3), modes=2, steps=400), "body 'rod' is not the one that was"),
+        (slider_crank(comm, (12, 3), modes=2, steps=400), "body 'rod' is not the body that was"),
         (
             ffr.Problem({"bar": rod}, named, *arguments[2:]),
-            r"flexible bodies are \['rod'\], and those",
+            r"flexible bodies are \['rod'\], but this problem has",
         ),
         (
             ffr.Problem(arguments[0], falling, *arguments[2:]),
-            "its mechanism is not that of this problem",
+            "its mechanism differs",
         ),
         (
             ffr.Problem(*arguments[:2], replace(steps, end_time=1.0), arguments[3]),
-            "its end time is not",
+            "its end time differs",
         ),
         (ffr.Problem(*arguments, bound), "its load cases and their constraints are"),
     ):
         for use in (ffr.mode_error, ffr.Problem.differentiate, ffr.Problem.time_errors):
             with pytest.raises(ValueError, match=message):
                 use(other, evaluation)
-        with pytest.raises(ValueError, match=r"is not the one that was|flexible bodies|its "):
+        with pytest.raises(ValueError, match=r"is not the body that was|flexible bodies|its "):
             ffr.plotting.plot_scene(other, evaluation, "never.png")
     heavy = ffr.Problem(*arguments[:3], ffr.Mass("rod"))
     for other, message in (
-        (heavy, "the evaluation is of another objective: for its motion psi of this"),
+        (heavy, "the evaluation is of another objective: psi of the evaluation is"),
         (
             ffr.Problem(*arguments[:2], replace(steps, steps=300), arguments[3]),
             "has other time steps",
@@ -326,9 +322,9 @@ def test_evaluations_of_other_problems_are_refused(comm: MPI.Intracomm) -> None:
             with pytest.raises(ValueError, match=message):
                 report(other, evaluation)
     other_body = slider_crank(comm, (12, 3), modes=2, steps=400).flexible["rod"]
-    with pytest.raises(ValueError, match="body 'rod' is not the one that was evaluated"):
+    with pytest.raises(ValueError, match="body 'rod' is not the body that was evaluated"):
         ffr.worst_stress(other_body, evaluation, "rod")
-    with pytest.raises(ValueError, match="the body is not the one that was evaluated"):
+    with pytest.raises(ValueError, match="the body is not the body that was evaluated"):
         ffr.von_mises(other_body, evaluation.bodies["rod"], np.zeros(other_body.n_elastic))
 
 

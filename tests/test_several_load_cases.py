@@ -14,7 +14,6 @@ import pytest
 from shared.problems import crank_motion, slider_crank, three_load_cases
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.problem.spread import _cost, owners
 
 WEIGHTS = {"slow": 1.5, "fast": 1.0, "lever": 0.7}
 COMBINATIONS = [
@@ -129,23 +128,6 @@ def test_bodies_are_reduced_once_and_derivatives_go_back_together(
         assert calls == {"reduce_checked": 1, "pullback": max(1, len(smoothed)) + 3}
 
 
-def test_one_load_case_by_name_is_the_same(comm: MPI.Intracomm) -> None:
-    plain = slider_crank(comm)
-    case = ffr.MechanicalProblem(plain.mechanism, plain.integrator, plain.objective)
-    named = ffr.Problem.of_load_cases(plain.bodies, {"only": case})
-    x = wavy(plain)
-    one, other = plain.gradient(x), named.gradient(x)
-    # the last bits of products follow the alignment of the memory: mostly they agree to the bit
-    assert one.psi == pytest.approx(other.psi, rel=1e-14)
-    assert one.gradient is not None and other.gradient is not None
-    size = np.abs(one.gradient["rod"]).max(initial=0.0)
-    assert one.gradient["rod"] == pytest.approx(other.gradient["rod"], abs=1e-13 * size)
-    assert other.load_cases["only"].gradient is other.gradient
-    y = other.trajectory.y
-    assert one.trajectory.y == pytest.approx(y, abs=1e-14 * np.abs(y).max())
-    assert named.objective is plain.objective
-
-
 def test_combinations_of_numbers() -> None:
     psi = {"a": 1.0, "b": 3.0, "c": 2.0}
     assert ffr.WeightedSum().value(psi) == 6.0
@@ -192,29 +174,6 @@ def test_same_numbers_of_several_load_cases_on_any_ranks(comm: MPI.Intracomm) ->
         assert comm.allreduce(worst, MPI.MAX) < 1e-7 * scale
     for name, value in every.constraints.items():
         assert value.violation == pytest.approx(one.constraints[name].violation, rel=1e-8)
-
-
-def test_work_is_balanced() -> None:
-    costs = {"a": 5.0, "b": 1.0, "c": 4.0, "d": 3.0, "e": 3.0}
-    owners_of_costs = owners(costs, 2)
-    loads = [
-        sum(costs[name] for name, rank in owners_of_costs.items() if rank == r) for r in range(2)
-    ]
-    assert loads == [8.0, 8.0]
-    assert owners(costs, 1) == dict.fromkeys(costs, 0)
-    assert len(set(owners(costs, 9).values())) == 5
-
-
-def test_cost_of_a_load_case_counts_all_its_coordinates() -> None:
-    """A rigid body has six in space, three in the plane; joints take five and two of them."""
-    joints = [ffr.Revolute(("body", "pin"), ffr.Ground())]
-    mechanism = ffr.Mechanism({"body": ffr.Placement()}, joints)
-    method, objective = ffr.GeneralizedAlpha(1.0, 99), ffr.IntegralCompliance()
-    case = ffr.MechanicalProblem(mechanism, method, objective)
-    plane = ffr.VolumeIntegrals.rigid(1.0, inertia=0.1, markers={"pin": (0.0, 0.0)})
-    box = ffr.VolumeIntegrals.rigid(1.0, inertia=(0.1,) * 3, markers={"pin": (0.0, 0.0, 0.0)})
-    assert _cost(case, {"body": plane}) == 100 * (3 + 2)
-    assert _cost(case, {"body": box}) == 100 * (6 + 5)
 
 
 @pytest.mark.mpi
@@ -334,7 +293,7 @@ def test_modes_errors_and_tolerances_of_several_load_cases(comm: MPI.Intracomm) 
     assert report.psi == evaluation.psi and 0.0 < report.step_error < 1.0
     assert "damping" not in report.left_out and "gravity" in report.left_out
     calm = problem.with_tolerance(x, 0.05)
-    assert all(m.integrator.steps >= 200 for m in calm.load_cases.values())
+    assert max(calm.time_errors(calm.value(x)).values()) <= 0.05
     corrected, calibrated = problem.calibrated(evaluation)
     assert corrected.load_cases["slow"] is problem.load_cases["slow"]
     stress = ffr.worst_stress(

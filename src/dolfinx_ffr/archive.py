@@ -52,8 +52,10 @@ class Archive:
         promised = sum(math.prod(head.shape) * head.dtype.itemsize for head in heads.values())
         most = available_memory() if packed else len(content)
         if promised > most:
-            room = "the memory that there is" if packed else "its own"
-            raise ValueError(f"it promises {promised:,} bytes, more than {room}, {most:,} bytes")
+            room = "the free memory" if packed else "the file itself"
+            raise ValueError(
+                f"its arrays need {promised:,} bytes, more than {room} has, {most:,} bytes"
+            )
         return Archive(content, heads)
 
     def read(self) -> dict[str, NDArray[Any]]:
@@ -61,7 +63,7 @@ class Archive:
         with _damaged(), np.load(io.BytesIO(self.content), allow_pickle=False) as arrays:
             # how many there are stands at the end of the archive, which nothing else compares
             if int.from_bytes(self.content[-12:-10], "little") != len(arrays.files):
-                raise ValueError("arrays are lost")
+                raise ValueError("some arrays of the file are lost")
             return {key: arrays[key] for key in arrays.files}
 
 
@@ -79,7 +81,7 @@ def _head(archive: zipfile.ZipFile, name: str) -> Head:
     with archive.open(name) as member:
         version = np.lib.format.read_magic(member)
         if version not in _HEADS:
-            raise ValueError(f"{name} is of the version {version} of NumPy's format")
+            raise ValueError(f"{name} has the unknown version {version} of NumPy's format")
         shape, _, dtype = _HEADS[version](member)
         size = member.tell() + math.prod(shape) * dtype.itemsize
     if dtype.hasobject:

@@ -68,8 +68,8 @@ def write_summary(comm: MPI.Comm, path: str | Path, summary: Mapping[str, Any]) 
             text = json.dumps(plain(summary), indent=2)
         except (RecursionError, ValueError) as error:
             raise ValueError(
-                "write_summary: the summary holds itself, or is nested too deeply for a file: "
-                f"{error}; leave out what refers back"
+                "write_summary: the summary contains itself, or is nested too deeply for a file: "
+                f"{error}; leave out references to a list or mapping that contains them"
             ) from None
         _replace(file, f"{text}\n".encode())
 
@@ -157,8 +157,7 @@ def _xdmf_path(path: str | Path) -> Path:
         return place
     if place.suffix or not place.name:
         raise ValueError(
-            f"write_fields: {place} is no name of an XDMF file, which is what is written; give a "
-            "path that ends in .xdmf, which ParaView opens"
+            f"write_fields: {place} must end in .xdmf, the format of the file, which ParaView opens"
         )
     return place.with_suffix(".xdmf")
 

@@ -24,26 +24,20 @@ from . import validation
 from .arrays import Array, summed
 from .body import VolumeIntegrals
 from .dynamics import (
-    CHOICE,
     Bars,
     FlatModel,
-    GeneralizedAlpha,
     Integrator,
-    Judge,
-    Run,
     StepChoice,
+    StepSearch,
     TimeInterval,
     TimeStepWarning,
     Trajectory,
     adjoint,
     assemble_model,
-    certified,
     fixed_slopes,
     integrate,
     load_cells,
     parameter_slopes,
-    refined,
-    relative_change,
     simulate,
 )
 from .mechanism import Mechanism, ParametricMechanism
@@ -60,9 +54,6 @@ from .objective import (
 
 Bodies = Mapping[str, VolumeIntegrals]
 Key = TypeVar("Key", bound=Hashable)
-
-#: Smallest relative error to which `MechanicalProblem.time_error` certifies objectives
-FINEST = 1e-8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -432,17 +423,14 @@ class MechanicalProblem:
             interval: The time interval and the accuracy.
         """
         response = self.response(bodies)
-        cells, damped = load_cells(self.mechanism, response.bodies, interval.end_time)
-        run, judge = self._run_and_judge(response)
-        return interval.chosen(run, judge, cells, damped=damped, present=response.simulated)
+        search = self._step_search(response, interval.end_time)
+        return search.chosen(interval.tolerance, response.simulated)
 
     def with_tolerance(self, bodies: Bodies | Response, tolerance: float) -> MechanicalProblem:
-        """The same problem with steps for an accuracy of psi.
+        """The same problem with a method and steps for an accuracy of psi.
 
-        Fixed steps are halved, and the tolerance of adaptive ones is lowered, until objective and
-        bounded objectives differ from certified values by less (see :class:`TimeInterval`). Where
-        nothing damps vibrations, generalised-alpha without numerical damping is tried, too, which
-        may take a hundredth of the steps. Choose once, and keep the steps while designing.
+        They are chosen at these ``bodies`` as those of a :class:`TimeInterval` are, whatever the
+        integrator has been.
 
         Args:
             bodies: As for :meth:`value`.
@@ -453,19 +441,8 @@ class MechanicalProblem:
         """
         if not self.needs_trajectory:
             return self
-        response = self.response(bodies)
         interval = TimeInterval(self.integrator.end_time, tolerance)
-        if isinstance(self.integrator, TimeInterval) or self.method.chosen_for is not None:
-            return self.with_steps(self.choose_steps(response, interval))
-
-        cells, damped = load_cells(self.mechanism, response.bodies, interval.end_time)
-        run, judge = self._run_and_judge(response)
-        share = CHOICE.share_of_certificate * tolerance
-        certificate = certified(run, judge, cells, share, damped=damped)
-        methods = [self.integrator]
-        if isinstance(self.integrator, GeneralizedAlpha) and not cells.corners.size and not damped:
-            methods.append(replace(self.integrator, spectral_radius=1.0))
-        return self.with_steps(refined(methods, run, judge, certificate, tolerance))
+        return self.with_steps(self.choose_steps(bodies, interval))
 
     def time_error(self, response: Response) -> float:
         """An estimate of the largest relative error by time steps, of psi and bounded objectives.
@@ -483,14 +460,10 @@ class MechanicalProblem:
         trajectory = response.simulated
         if trajectory is None:
             return 0.0
-        run, judge = self._run_and_judge(response)
-        values = judge(trajectory)
-        cells, damped = load_cells(self.mechanism, response.bodies, float(trajectory.t[-1]))
-        certificate = certified(run, judge, cells, FINEST, damped=damped, near=values)
-        return relative_change(certificate.values, values) + certificate.error
+        return self._step_search(response, float(trajectory.t[-1])).error_of(trajectory)
 
-    def _run_and_judge(self, response: Response) -> tuple[Run, Judge]:
-        """Functions from a method to its trajectory, and from there to the objectives."""
+    def _step_search(self, response: Response, end_time: float) -> StepSearch:
+        """The search of steps for the objectives of a ``response`` that depend on the motion."""
         objectives = [o for o in self.objectives.values() if o.needs_trajectory]
 
         def run(method: Integrator) -> Trajectory:
@@ -500,7 +473,8 @@ class MechanicalProblem:
             simulated = replace(response, simulated=trajectory)
             return np.array([value_of(objective, simulated) for objective in objectives])
 
-        return run, judge
+        cells, damped = load_cells(self.mechanism, response.bodies, end_time)
+        return StepSearch(run, judge, cells, damped=damped)
 
 
 def through_trajectory(

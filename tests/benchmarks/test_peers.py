@@ -22,7 +22,7 @@ from peer_exudyn import Crank, crank_pin
 from peer_motion import hand_over
 from peer_pymoto import Plate, random_density
 from peer_report import ALPHA, EXUDYN, OURS, RADAU, TRAPEZOIDAL
-from report import Study, seconds_to_reach
+from report import Study
 from scene import slider_crank
 from shared.derivatives import check_gradient
 
@@ -81,24 +81,6 @@ def test_the_plate_has_the_compliance_of_its_finite_elements() -> None:
     check_gradient(problem, {"plate": 0.9 * x}, {"plate": direction}, taylor=0.01)
 
 
-def test_cells_are_put_row_after_row() -> None:
-    plate = Plate((5, 3))
-    domain = peers.plate_problem(MPI.COMM_SELF, plate).flexible["plate"].domain
-    place = peers.row_after_row(plate, domain.centroids)
-    assert sorted(place) == list(range(15))
-    ordered = np.empty_like(domain.centroids)
-    ordered[place] = domain.centroids
-    assert np.all(np.diff(ordered[:5, 0]) > 0.0) and np.allclose(ordered[:5, 1], ordered[0, 1])
-    assert np.all(np.diff(ordered[::5, 1]) > 0.0)
-
-
-def test_equal_error_is_interpolated_along_the_measured_line() -> None:
-    rows = [{"seconds": 1e-3 * n, "error": 4.0 * n**-2.0} for n in (10.0, 40.0, 160.0)]
-    assert seconds_to_reach(rows, 0.01, "error") == pytest.approx(0.02, rel=1e-12)
-    assert seconds_to_reach(rows, 1.0, "error") == pytest.approx(0.01)  # the coarsest
-    assert np.isnan(seconds_to_reach(rows, 1e-6, "error"))
-
-
 def test_missing_peers_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(peer_packages, "FOLDER", tmp_path / "peers")
     monkeypatch.setattr(peer_packages, "PEERS", {"surely_not_installed": "1.0"})
@@ -116,8 +98,8 @@ def test_peers_come_last_on_the_path(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     monkeypatch.setattr(sys, "path", list(sys.path))
     peer_packages.use_peers()
     assert sys.path[-1] == str(tmp_path) and peer_packages.importlib.util.find_spec("numpy").origin
-    found = peer_packages.importlib.machinery.PathFinder.find_spec("numpy", sys.path)
-    assert found is not None and not str(found.origin).startswith(str(tmp_path))
+    computed = peer_packages.importlib.machinery.PathFinder.find_spec("numpy", sys.path)
+    assert computed is not None and not str(computed.origin).startswith(str(tmp_path))
 
 
 @pytest.mark.slow

@@ -110,11 +110,10 @@ def test_point_mass_equals_a_point_in_the_integrals(space: bool) -> None:
 
 
 @pytest.mark.parametrize("space", [False, True])
-@pytest.mark.parametrize("seed", range(3))
-def test_point_mass_pullback(seed: int, space: bool) -> None:
+def test_point_mass_pullback(space: bool) -> None:
     """What a point adds is quadratic in the shape functions: differences are exact."""
     body, marker = small(space), "tip" if space else "middle"
-    direction, weights = change(space, seed), change(space, 10 + seed)
+    direction, weights = change(space, 0), change(space, 10)
     bar = body.point_mass_pullback(weights, marker, 0.7)
     ahead, behind = (
         weights.dot((body + direction.scaled(h)).with_point_mass(marker, 0.7)) for h in (0.5, -0.5)
@@ -136,7 +135,7 @@ def test_sum_scale_and_inner_product(space: bool) -> None:
     assert a.leading(1).modes == 1
     second = "P" if space else "G"
     np.testing.assert_array_equal(getattr(a.leading(1), second), getattr(a, second)[:2, :2])
-    with pytest.raises(ValueError, match=r"different markers: \['.*'\]"):
+    with pytest.raises(ValueError, match=r"different markers cannot be combined"):
         _ = a + replace(b, markers={})
 
 
@@ -151,9 +150,7 @@ def broken(field: str, index: tuple[int, ...], value: float) -> VolumeIntegrals:
     ("body", "message"),
     [
         (lambda: replace(beam(modes=3), mass=-1.0), "'rod': the mass must be positive.* -1 kg"),
-        (lambda: replace(beam(modes=3), mass=float("nan")), "the mass must be positive"),
         (lambda: broken("S", (0, 0), np.nan), "'rod': integral S holds NaN or infinity"),
-        (lambda: broken("K", (1, 1), np.inf), "integral K holds NaN or infinity"),
         (lambda: broken("G", (0, 1), 1.0), "integral G must be symmetric"),
         (lambda: broken("N", (1, 2), 1.0), "integral N must be antisymmetric"),
         (lambda: broken("G", (2, 2), 0.0), "mass matrix is not positive definite"),
@@ -254,21 +251,16 @@ def test_invalid_body_is_not_saved(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"mass": None}, r"keys \['mass'\] are missing, there are \['G', 'K', 'N', 'S'"),
-        ({"G": None}, r"keys \['G'\] are missing.*P may stand instead of G and N"),
-        ({"K": None}, r"S has shape \(4, 2\), that of an elastic body; give its stiffness K"),
+        ({"mass": None}, r"keys \['mass'\] are missing; the file has \['G', 'K', 'N', 'S'"),
+        ({"K": None}, r"S has shape \(4, 2\) of an elastic body, but its stiffness is missing"),
         ({"marker_rotations": None}, r"keys \['marker_rotations'\] are missing"),
         ({"stiffness": np.eye(3)}, r"unknown keys \['stiffness'\]; the keys are \['mass', 'S'"),
         ({"S": np.zeros((3, 2))}, r"S must have shape \(4, 2\) .* but it has shape \(3, 2"),
         ({"mass": np.ones(2)}, r"mass must be one number, but it has shape \(2,\)"),
-        ({"mass": np.nan}, "the mass must be positive, but it is nan"),
-        ({"K": np.full((3, 3), np.nan)}, "integral K holds NaN or infinity"),
-        ({"K": np.zeros(3)}, r"K must have shape \(3, 3\) .* but it has shape \(3,\)"),
         ({"K": np.array([["a"]])}, "K must hold real numbers, but its type is <U1"),
         ({"P": np.zeros((4, 4, 2, 2))}, r"give either P or both G and N, not \['P', 'G', 'N'\]"),
         ({"P": np.zeros((4, 4)), "G": None, "N": None}, r"P must have shape \(4, 4, 2, 2\)"),
         ({"marker_positions": np.zeros((2, 2))}, r"must have shape \(3, 2\) .* and 3 markers"),
-        ({"marker_positions": np.zeros((3, 3))}, r"marker_positions must have shape \(3, 2\)"),
         ({"markers": np.array(["a", "a", "b"])}, "have the same name"),
         ({"markers": np.zeros(3)}, "markers must hold text"),
         ({"stiffening_alpha": np.eye(2)}, r"stiffening_alpha must have shape \(3, 3\)"),
@@ -303,8 +295,6 @@ def test_damaged_file(tmp_path: Path) -> None:
     ("key", "shape", "message"),
     [
         ("S", (10**6, 2), r"S must have shape \(4, 2\) .* has shape \(1000000, 2\)"),
-        ("K", (1000, 1000), r"K must have shape \(3, 3\)"),
-        ("marker_rotations", (3, 10**6), r"marker_rotations must have shape \(3, 3\)"),
         ("zeros", (10**6,), r"unknown keys \['zeros'\]"),
     ],
 )
@@ -330,7 +320,7 @@ def test_archives_that_promise_more_than_they_can_hold(monkeypatch: pytest.Monke
     zeros = packed(zeros=np.zeros(10**5))
     np.testing.assert_array_equal(archive.Archive.of(zeros).read()["zeros"], np.zeros(10**5))
     with pytest.raises(
-        ValueError, match=r"promises 800,000 bytes, more than its own, [0-9,]{3,5} bytes"
+        ValueError, match=r"need 800,000 bytes, more than the file itself has, [0-9,]{3,5} b"
     ):
         archive.Archive.of(zeros, packed=False)
     with pytest.raises(ValueError, match="holds objects of Python, which are never read"):
@@ -341,7 +331,7 @@ def test_archives_that_promise_more_than_they_can_hold(monkeypatch: pytest.Monke
     with pytest.raises(ValueError, match="has another size than its shape"):
         archive.Archive.of(raw.getvalue().replace(head, head.replace(b"1", b"9")))
     monkeypatch.setattr(archive, "available_memory", lambda: 799_999)
-    with pytest.raises(ValueError, match="promises 800,000 bytes, more than the memory"):
+    with pytest.raises(ValueError, match="need 800,000 bytes, more than the free memory"):
         archive.Archive.of(zeros)
 
 
@@ -385,11 +375,6 @@ def test_arrays_refused() -> None:
             {"G": rod.G, "N": rod.N, "K": rod.K},
             "has [0-9] masked entries, which are no values",
         ),
-        (
-            (rod.mass, list(np.ma.masked_equal(rod.S, rod.S[1, 0]))),
-            {"G": rod.G, "N": rod.N, "K": rod.K},
-            "has [0-9] masked entries, which are no values",
-        ),
         ((body.mass, body.S), {**views, "K": body.K}, "in space give P"),
         (
             (1.0, np.zeros((1, 3))),
@@ -400,8 +385,8 @@ def test_arrays_refused() -> None:
     for arguments, options, message in refused:
         with pytest.raises(ValueError, match=message):
             given(*arguments, **options)
-    found = given(1, [[0, 0]], **disc, markers={"a": [1, 2]})
-    np.testing.assert_array_equal(found.markers["a"].position, [1.0, 2.0])
+    computed = given(1, [[0, 0]], **disc, markers={"a": [1, 2]})
+    np.testing.assert_array_equal(computed.markers["a"].position, [1.0, 2.0])
     with pytest.raises(ValueError, match="read-only"):
         body.G[0, 0] = 1.0
 
@@ -413,7 +398,6 @@ def test_arrays_refused() -> None:
         ((1.0, 2.0, -3.0), "positive diagonal"),
         (np.diag([1.0, 1.0, 1.0]) + np.eye(3, k=1), "must be symmetric"),
         ((1.0, 2.0), r"must have shape \(3, 3\), or \(3,\) for its diagonal"),
-        ((0.0, 1.0, 1.0), "positive diagonal"),
     ],
 )
 def test_impossible_inertia_is_refused(inertia: Any, message: str) -> None:

@@ -41,9 +41,9 @@ def test_slopes_are_those_of_the_points() -> None:
         for order in (1, 2):
             slope = curve.rows(s, order) @ curve.control
             beside = [curve.rows(s + side * h, order - 1) @ curve.control for side in (1.0, -1.0)]
-            found = (beside[0] - beside[1]) / (2.0 * h)
+            computed = (beside[0] - beside[1]) / (2.0 * h)
             inner = np.floor(s + h) == np.floor(s - h)  # third derivatives have steps
-            assert np.max(np.abs(slope - found)[inner]) < 1e-8 * np.max(np.abs(slope)) + 1e-12
+            assert np.max(np.abs(slope - computed)[inner]) < 1e-8 * np.max(np.abs(slope)) + 1e-12
 
 
 def test_normals_point_out_of_the_material() -> None:
@@ -59,8 +59,8 @@ def test_nearest_points(off: float, accuracy: float) -> None:
     curve = FreeCurve.fit(CIRCLE, 2e-3)
     s = np.linspace(0.0, curve.spans, 40, endpoint=False)
     points = curve.at(s) + off * curve.normals(s)
-    found = curve.nearest(points, (s + 0.1) % curve.spans)
-    assert np.max(np.abs(curve.at(found) - curve.at(s))) < accuracy
+    computed = curve.nearest(points, (s + 0.1) % curve.spans)
+    assert np.max(np.abs(curve.at(computed) - curve.at(s))) < accuracy
 
 
 def test_the_area_and_its_slopes() -> None:

@@ -16,5 +16,5 @@ def test_a_hole_that_touches_the_outline_is_in_its_face() -> None:
     hole = np.array([[-1e-15, 0.5], [0.4, 0.9], [0.4, 0.1]])
     outline, rim = (Side(True, 0),), (Side(False, 1),)
     assert list(_designed_faces([(outline, square), (rim, hole)])) == [("design", (outline, rim))]
-    with pytest.raises(CurveError, match="in none of the faces"):
+    with pytest.raises(CurveError, match="lies in no face"):
         list(_designed_faces([(outline, square), (rim, hole + 2.0)]))

@@ -31,40 +31,42 @@ def test_what_a_strut_would_change_is_what_it_changes() -> None:
     x, y = rod.domain.centroids.T[:2]
     hole = np.maximum(np.abs(x - 0.2), np.abs(y)) < 0.012
     strip = hole & (np.abs(y - 0.009) < 5e-4)
-    found = problem.gradient(np.where(hole, 0.0, 1.0))
-    assert found.integrals_gradient is not None
-    struts = rod.struts(found.bodies["rod"], found.integrals_gradient["rod"])
+    computed = problem.gradient(np.where(hole, 0.0, 1.0))
+    assert computed.integrals_gradient is not None
+    struts = rod.struts(computed.bodies["rod"], computed.integrals_gradient["rod"])
     # both edges of the row are bars of half its width
     ends = np.array([[0.188, 0.008], [0.212, 0.008], [0.188, 0.01], [0.212, 0.01]])
     changes = struts.changes(ends, np.array([[0, 1], [2, 3]]), 1e-3 * 2e-3)
     there = problem.value(np.where(strip, 1e-3, np.where(hole, 0.0, 1.0)))
-    assert np.mean(changes) == pytest.approx(there.psi - found.psi, rel=5e-3)
-    assert np.mean(changes) < -1e-5 * found.psi
+    assert np.mean(changes) == pytest.approx(there.psi - computed.psi, rel=5e-3)
+    assert np.mean(changes) < -1e-5 * computed.psi
     # what all elements carry is what psi, in which the load does not depend on them, depends on
-    assert rod.domain.sum(struts.carried) > found.psi
+    assert rod.domain.sum(struts.carried) > computed.psi
 
 
 @pytest.mark.slow
 def test_what_a_hole_would_change_is_what_it_changes() -> None:
     """On meshes that fit it, but for the square of its radius; and whatever the body's law."""
     rod = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(400, 40))
-    problem, found = reference_problem(MPI.COMM_SELF, domain=rod, steps=100, modes=6), []
+    problem, computed = reference_problem(MPI.COMM_SELF, domain=rod, steps=100, modes=6), []
     for law in (ffr.RAMP(), ffr.SIMP(3.0)):
         body = problem.flexible["rod"].with_interpolation(law)
         there = problem.with_bodies({"rod": body}).gradient(np.ones(rod.n_cells))
         assert there.integrals_gradient is not None and there.gradient is not None
-        found.append(body.struts(there.bodies["rod"], there.integrals_gradient["rod"]).removed)
-    exact, values, told = -there.gradient["rod"], [], []
+        computed.append(body.struts(there.bodies["rod"], there.integrals_gradient["rod"]).removed)
+    exact, values, reported = -there.gradient["rod"], [], []
     # but for the stiffness of void, 1e-6 of that of the solid
-    np.testing.assert_allclose(found, [exact] * 2, rtol=0.0, atol=1e-5 * np.abs(exact).max())
+    np.testing.assert_allclose(computed, [exact] * 2, rtol=0.0, atol=1e-5 * np.abs(exact).max())
     for r in (-1.0, 1e-3, 2e-3):  # none, and two
         away = partial(lambda r, x: np.hypot(x[:, 0] - 0.2, x[:, 1] - 0.012) - r, r)
         mesh = ffr.Part(rod, away).domain(4e-3, 2)
         fit = problem.with_bodies({"rod": problem.flexible["rod"].with_domain(mesh)})
         values.append(fit.value(np.ones(mesh.n_cells)).psi)
         near = away(rod.centroids) < 0.0
-        told.append(np.pi * r**2 * np.sum((exact / rod.cell_volumes)[near]) / max(np.sum(near), 1))
-    small, large = (np.array(values[1:]) - values[0]) / told[1:] - 1.0
+        reported.append(
+            np.pi * r**2 * np.sum((exact / rod.cell_volumes)[near]) / max(np.sum(near), 1)
+        )
+    small, large = (np.array(values[1:]) - values[0]) / reported[1:] - 1.0
     assert abs(small) < 0.03 and 3.0 < large / small < 6.0
 
 

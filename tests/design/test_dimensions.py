@@ -156,7 +156,7 @@ def test_the_place_of_a_bearing_counts() -> None:
     part = motion.pullback(evaluation.nodes["rod"], 0.0 * evaluation.centers["rod"]) @ along
     assert abs(part / total - 1.0) > 0.1
     idle = ffr.DimensionDesign(lever, {**BOUNDS, "idle": (0.0, 1.0)}, size=0.02)
-    with pytest.warns(UserWarning, match=r"\['idle'\] move nothing of the body"):
+    with pytest.warns(UserWarning, match=r"\['idle'\] have no influence on the body"):
         idle.motion(idle.domain(MPI.COMM_SELF), idle.even())
 
 
@@ -238,7 +238,7 @@ def test_sizing(comm: MPI.Intracomm) -> None:
         limit = ffr.Constraint(ffr.Mass("rod"), upper=0.75)
         problem = machine(dimension_design.domain(on), constraints=[limit])
         return ffr.optimize(
-            problem, dimension_design, iterations=6, progress=False, mode_tolerance=None
+            problem, dimension_design, iterations=4, progress=False, mode_tolerance=None
         )
 
     result = run(comm)
@@ -290,7 +290,7 @@ def test_dimensions_of_one_body_beside_densities_of_another() -> None:
     problem = ffr.Problem(bodies, mechanism, steps, objective, [limit])
     designs = {"rod": dimension_design, "link": ffr.LevelSet(link)}
     options: dict[str, Any] = {"volume": 0.7, "progress": False, "mode_tolerance": None}
-    result = ffr.optimize(problem, designs, iterations=10, boundary=1, **options)
+    result = ffr.optimize(problem, designs, iterations=6, boundary=1, **options)
     history = result.history
     assert history["psi"][-1] < 0.5 * history["psi"][0] and result.feasible
     assert np.all(np.ptp([history[f"rod: {name}"] for name in BOUNDS], axis=1) > 0.0)
@@ -319,7 +319,7 @@ def test_values_without_a_geometry_are_taken_back() -> None:
 
     bounds, start = {"middle": (0.005, 0.04)}, {"middle": 0.024}
     dimension_design = ffr.DimensionDesign(touching, bounds, size=0.01, start=start)
-    with pytest.raises(ValueError, match=r"no body with middle = 0\.01: .*cross or touch at"):
+    with pytest.raises(ValueError, match=r"can be made with middle = 0\.01: .*cross or touch at"):
         dimension_design.domain(MPI.COMM_SELF, [0.01])
     problem = machine(dimension_design.domain(MPI.COMM_SELF), objective=ffr.Mass("rod"))
     with pytest.warns(ffr.DesignWarning, match=r"step is rejected.* cross or touch"):
@@ -330,7 +330,7 @@ def test_values_without_a_geometry_are_taken_back() -> None:
     assert np.any(history["accepted"] == 0.0) and np.all(np.diff(history["rod: middle"]) <= 0.0)
     assert result.psi == history["psi"].min()
     least = result.dimensions["rod"]["middle"]
-    with pytest.raises(ValueError, match="no body with"):
+    with pytest.raises(ValueError, match="no body can be made with"):
         dimension_design.domain(MPI.COMM_SELF, [least - 0.03 * 0.035])
 
 
@@ -365,7 +365,7 @@ def test_what_is_refused() -> None:
     with pytest.raises(ValueError, match=r"reach = 0\.004: interface 'right' has no facets"):
         dimension_design.domain(MPI.COMM_SELF, [0.004])
     wrong = ffr.DimensionDesign(lambda d: {"outline": []}, {"a": (0.0, 1.0)}, size=0.01)
-    with pytest.raises(ValueError, match=r"no body with a = 0\.5: .*returns \['outline'\]"):
+    with pytest.raises(ValueError, match=r"can be made with a = 0\.5: .*returns \['outline'\]"):
         wrong.domain(MPI.COMM_SELF)
     dimension_design = design(size=0.02)
     problem = machine(dimension_design.domain(MPI.COMM_SELF))
@@ -373,7 +373,7 @@ def test_what_is_refused() -> None:
         ffr.optimize(problem, dimension_design, boundary=2, progress=False)
     others: list[dict[str, Any]] = [{"volume": 0.4}, {"optimizer": ffr.LevelSetEvolution()}]
     for asked in (*others, {"gradient": ffr.paper.ApproximateGradient()}):
-        with pytest.raises(ValueError, match="take MMA, the exact gradient, and no volume; bound"):
+        with pytest.raises(ValueError, match="needs MMA, the exact gradient, and no volume; bound"):
             ffr.optimize(problem, dimension_design, progress=False, **asked)
     with pytest.raises(ValueError, match=r"dimensions are given for \['crank', 'rod'\]"):
         ffr.optimize(problem, {"rod": dimension_design, "crank": dimension_design}, progress=False)

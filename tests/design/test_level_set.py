@@ -365,12 +365,3 @@ def test_distance_without_a_boundary_is_infinite(levelset: ffr.LevelSet) -> None
     for points in ([0.0, 0.0], [[0.0, math.nan]]):
         with pytest.raises(ValueError, match="points in an array"):
             levelset.distance(levelset.even(), points)
-
-
-def test_bad_coefficients_are_refused() -> None:
-    levelset = ffr.LevelSet(rod(MPI.COMM_SELF))
-    n, bar = levelset.size, np.ones(levelset.domain.n_cells)
-    for call in (levelset.density, levelset.distance, lambda a: levelset.pullback(a, bar)):
-        for wrong, why in ((np.ones(n + 1), f"expected {n} finite"), (np.full(n, np.nan), "NaN")):
-            with pytest.raises(ValueError, match=why):
-                call(wrong)

@@ -47,13 +47,6 @@ def test_bisection_finds_the_multiplier(bound: float) -> None:
     assert 1.0 / (1.0 + multiplier) <= bound
 
 
-@given(bound=st.floats(0.1, 1.0), volume=st.floats(0.0, 1.0))
-def test_multiplier_is_zero_where_the_bound_holds(bound: float, volume: float) -> None:
-    multiplier = volume_multiplier(lambda m: volume * math.exp(-m), bound)
-    assert multiplier >= 0.0
-    assert (multiplier == 0.0) == (volume <= bound)
-
-
 def test_bisection_takes_the_feasible_side_of_a_jump() -> None:
     multiplier = volume_multiplier(lambda m: 0.8 if m < 3.7 else 0.2, 0.5)
     assert multiplier == pytest.approx(3.7)

@@ -30,7 +30,7 @@ def angles(mirrors: list[ffr.Mirror]) -> list[float]:
 
 @pytest.mark.parametrize(
     ("degrees", "number"),
-    [((), 1), ((0,), 2), ((10, 10), 2), ((0, 90), 4), ((0, 45), 8), ((0, 60), 6), ((0, 36), 10)],
+    [((), 1), ((0,), 2), ((10, 10), 2), ((0, 90), 4), ((0, 36), 10)],
 )
 def test_lines_at_an_angle_of_pi_over_n_have_2n_images(
     degrees: tuple[float, ...], number: int
@@ -95,7 +95,7 @@ def test_a_graded_mesh_without_the_symmetry_of_its_body(comm: MPI.Intracomm) -> 
     assert angles(ffr.mirror_lines(domain, domain.cell_volumes * density)) == [0.0]
     odd = density + 0.1 * np.sin(5.0 * y)
     with pytest.warns(
-        UserWarning, match=r"none of the body.*the gradient differs.*% of it have no image"
+        UserWarning, match=r"no mirror symmetry.*the gradient differs.*% of it have no image"
     ):
         assert angles(ffr.mirror_lines(domain, domain.cell_volumes * odd)) == []
 
@@ -113,11 +113,10 @@ def eyes(comm: MPI.Intracomm, size: float, bolt: float = 0.0) -> ffr.Domain:
 @pytest.mark.mpi
 def test_lines_of_a_drawing_whatever_its_mesh(comm: MPI.Intracomm) -> None:
     """Triangles have no images; a bolt hole beside a line, smaller than they are, tells."""
-    for size in (0.006, 0.003):
-        domain = eyes(comm, size)
-        mirrors = ffr.mirror_lines(domain)
-        assert angles(mirrors) == [0.0, 90.0]
-        assert len(ffr.LevelSet(domain, mirrors=mirrors).mirrors) == 2
+    domain = eyes(comm, 0.006)
+    mirrors = ffr.mirror_lines(domain)
+    assert angles(mirrors) == [0.0, 90.0]
+    assert len(ffr.LevelSet(domain, mirrors=mirrors).mirrors) == 2
     assert angles(ffr.mirror_lines(eyes(comm, 0.006, bolt=0.0025))) == [90.0]
 
 
@@ -163,7 +162,7 @@ def test_a_body_without_mirror_planes(comm: MPI.Intracomm) -> None:
     """The warning has the reason for each plane that was looked for."""
     domain = rod(comm, void=lambda x: (np.abs(x[0] - 0.5) < 0.11) & (x[1] > -1e-9) & (x[2] > -1e-9))
     with pytest.warns(
-        UserWarning, match="mirror planes: none.*are designed and their image is not"
+        UserWarning, match="mirror planes: the body has no.*are designed and their image is not"
     ):
         assert ffr.mirror_planes(domain) == []
     with pytest.raises(ValueError, match="the body has 3 dimensions; take mirror_planes"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Designs of one's own: that of CONTRIBUTING, and variables of something without a mesh."""
+"""Designs of one's own: slices of a body, and variables of something without a mesh."""
 
 from __future__ import annotations
 
@@ -10,18 +10,39 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from shared import TOP, names_of_program
 from shared.problems import slider_crank
 from shared.scenes import four_bar
 
 import dolfinx_ffr as ffr
 
-Slices: Any = names_of_program(TOP / "CONTRIBUTING.md", "Slices")["Slices"]
+
+class Slices(ffr.design.Design):
+    """One density for each of some slices of a body along x."""
+
+    each = "slice"
+
+    def __init__(self, domain: ffr.Domain, slices: int) -> None:
+        self.domain, self.size = domain, slices
+        everywhere = domain.everywhere(domain.centroids)[:, 0]
+        edges = np.linspace(everywhere.min(), everywhere.max(), slices + 1)
+        self.slice = np.searchsorted(edges[1:-1], domain.centroids[:, 0])
+
+    def density(self, variables: np.ndarray) -> np.ndarray:
+        designed = self.domain.design_cells
+        return np.where(designed, variables[self.slice], self.domain.passive_density)
+
+    def pullback(self, variables: np.ndarray, x_bar: np.ndarray) -> np.ndarray:
+        designed = np.where(self.domain.design_cells, x_bar, 0.0)
+        own = np.bincount(self.slice, designed, minlength=self.size)
+        return sum(self.domain.comm.allgather(own))  # in the same order on every rank
+
+    def identity(self) -> dict[str, Any]:
+        return {"slices": self.size}
 
 
 @pytest.mark.mpi
-@pytest.mark.filterwarnings("ignore:no part comes of the design")  # as gray as its six variables
-def test_design_of_contributing(comm: MPI.Intracomm) -> None:
+@pytest.mark.filterwarnings("ignore:no part can be made of the design")  # gray
+def test_slices(comm: MPI.Intracomm) -> None:
     """Its way back is the transpose; moving asymptotes lower psi with it below the volume."""
     problem = slider_crank(comm, (20, 4), modes=2, steps=100)
     domain = problem.flexible["rod"].domain

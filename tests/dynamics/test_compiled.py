@@ -109,15 +109,15 @@ def test_a_change_of_any_source_renews_what_depends_on_it(tmp_path: Path) -> Non
 
 def _kernels(function: Compiled) -> dict[str, FunctionType]:
     """All functions that become part of a compiled one, by module and name."""
-    waiting, found = [function.function], {}
+    waiting, computed = [function.function], {}
     while waiting:
         body = waiting.pop()
-        found[f"{body.__module__}.{body.__qualname__}"] = body
+        computed[f"{body.__module__}.{body.__qualname__}"] = body
         for used in (body.__globals__.get(name) for name in body.__code__.co_names):
             kernel = getattr(used, "py_func", None)
-            if kernel and f"{kernel.__module__}.{kernel.__qualname__}" not in found:
+            if kernel and f"{kernel.__module__}.{kernel.__qualname__}" not in computed:
                 waiting.append(kernel)
-    return found
+    return computed
 
 
 def test_all_that_compiled_functions_hold_is_among_their_sources() -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from shared.motions import yoke
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import Trajectory
@@ -19,17 +20,6 @@ Machine = tuple[ffr.Mechanism, dict[str, ffr.VolumeIntegrals]]
 
 MASS, RADIUS, SPEED, END_TIME = 2.0, 0.1, 15.0, 2.0
 BODY = ffr.VolumeIntegrals.rigid(MASS, (0.0, 0.0), 0.1, {"pin": (0.0, 0.0)})
-
-
-def yoke() -> Machine:
-    """A slide that a turning pin moves back and forth by 0.1 m sin(15 t)."""
-    turn = ffr.Motion.polynomial([-0.5 * math.pi, SPEED])
-    pin = ffr.Moving.circle((0.0, 0.0), RADIUS, turn)
-    joints = [
-        ffr.Translational(("yoke", "pin"), ffr.Ground(), name="rails"),
-        ffr.PointOnLine(pin, ("yoke", "pin"), direction=(0.0, 1.0), name="slot"),
-    ]
-    return ffr.Mechanism({"yoke": ffr.Placement()}, joints), {"yoke": BODY}
 
 
 def held(load: Callable[[Array], Array]) -> Machine:

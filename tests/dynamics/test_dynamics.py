@@ -137,7 +137,7 @@ def test_joint_forces_of_the_rigid_slider_crank() -> None:
     check_order(lambda n: [force_error(rod(MASS, ROD), n)], [300, 600, 1200], 1e-4)
 
 
-@pytest.mark.parametrize(("modulus", "limit"), [(2.1e12, 1e-4), (2.1e14, 1e-5)])
+@pytest.mark.parametrize(("modulus", "limit"), [(2.1e14, 1e-5)])
 def test_stiff_rod_has_the_joint_forces_of_the_rigid_one(modulus: float, limit: float) -> None:
     # What is left at infinite stiffness is the start of the drive, which no step resolves then.
     stiff = beam(youngs_modulus=modulus, modes=4)
@@ -182,58 +182,6 @@ def test_parallelograms_through_their_singular_positions() -> None:
     check_published(path, np.array(list(PARALLELOGRAMS.values())), np.array([2000, 4000, 8000]))
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:the steps keep their tolerance in the motion")
-@pytest.mark.parametrize(
-    ("integrator", "limit"),
-    [
-        (ffr.GeneralizedAlpha(10.0, 8000, 1.0), 2e-4),
-        (ffr.RadauIIA(5.0, tolerance=1e-10), 5e-6),
-    ],
-)
-def test_singular_positions_without_damping_and_by_radau(
-    integrator: Integrator, limit: float
-) -> None:
-    """To Radau's method links in line add errors that no step has made."""
-    t = ffr.simulate(*parallelograms(), integrator)
-    end = t.marker_path("crank 0", "right")[-1]
-    assert end == pytest.approx(PARALLELOGRAMS[integrator.end_time], abs=limit)
-    assert t.step_ends.size < 1000 or isinstance(integrator, ffr.GeneralizedAlpha)
-
-
-def test_equal_link_slider_crank_through_its_singular_position() -> None:
-    reference = {
-        **{0.1: 1.024519073884, 0.5: -0.367349163389, 1.0: -1.951288388413},
-        **{2.0: 0.554605256459, 5.0: 1.445320498549},
-    }
-    c, rate = math.sqrt(0.5), 2.0 * math.sqrt(2.0)
-    mechanism = ffr.Mechanism(
-        {
-            "crank": ffr.Placement(
-                (0.5 * c, 0.5 * c), 0.25 * math.pi, (-0.5 * c * rate, 0.5 * c * rate), rate
-            ),
-            "rod": ffr.Placement(
-                (1.5 * c, 0.5 * c), -0.25 * math.pi, (-1.5 * c * rate, 0.5 * c * rate), -rate
-            ),
-        },
-        [
-            ffr.Revolute(("crank", "left"), ffr.Ground()),
-            ffr.Revolute(("crank", "right"), ("rod", "left")),
-            ffr.PointOnLine(("rod", "right"), ffr.Ground()),
-        ],
-        gravity=(0.0, -9.81),
-    )
-
-    def path(steps: int) -> Array:
-        t = ffr.simulate(
-            mechanism, {"crank": rod(), "rod": rod()}, ffr.GeneralizedAlpha(5.0, steps)
-        )
-        x = t.marker_path("rod", "right")[:, 0]
-        return x[[round(time * steps / 5.0) for time in reference]]
-
-    check_published(path, np.array(list(reference.values())), np.array([2000, 4000, 8000]))
-
-
 def soft_slider_crank() -> tuple[Scene, int]:
     """All oscillations of the rod are slow enough for the steps to resolve."""
     scene = slider_crank(end_time=0.2)
@@ -275,13 +223,13 @@ def test_order_two_in_positions_velocities_and_multipliers(
     exact = solution(make)
 
     def errors(count: int) -> list[float]:
-        trajectory, found = run(scene, steps=count, spectral_radius=radius), []
+        trajectory, computed = run(scene, steps=count, spectral_radius=radius), []
         for name, values in zip(QUANTITIES, exact, strict=True):
             values = values[:: 4 * coarsest // count]
             error = np.max(np.abs(getattr(trajectory, name) - values), axis=0)
             scale = np.max(np.abs(values), axis=0)
-            found.append(float(np.max(error / np.maximum(scale, 1e-3 * scale.max()))))
-        return found
+            computed.append(float(np.max(error / np.maximum(scale, 1e-3 * scale.max()))))
+        return computed
 
     check_order(errors, coarsest * np.array([1, 2, 4]), *[1e-2] * 4)
 
@@ -317,18 +265,6 @@ def test_trajectory_by_name() -> None:
         t.marker_path("crank", "middle")
     with pytest.raises(ValueError, match=r"no body 'rod'; the bodies are \['crank', 'coupler'"):
         t.elastic("rod")
-
-
-def test_joint_force_carries_the_weight() -> None:
-    mechanism = ffr.Mechanism(
-        {"rod": ffr.Placement((0.5, 0.0))},
-        [ffr.Weld(("rod", "left"), ffr.Ground(), name="clamp")],
-        point_masses=[ffr.PointMass(("rod", "right"), 2.0)],
-        gravity=(0.0, -10.0),
-    )
-    t = ffr.simulate(mechanism, {"rod": rod(3.0)}, ffr.GeneralizedAlpha(0.1, 10))
-    expected = np.tile([0.0, 50.0, 3.0 * 10.0 * 0.5 + 2.0 * 10.0 * 1.0], (11, 1))
-    np.testing.assert_allclose(t.joint_force("clamp"), expected, rtol=1e-13, atol=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.SofteningWarning")  # where it locks, it is thrown

@@ -17,7 +17,6 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import Trajectory
 from dolfinx_ffr.mechanism.forces import AppliedForce
 from dolfinx_ffr.mechanism.marker import Marker
-from dolfinx_ffr.mechanism.motion import sample
 
 Array = NDArray[np.float64]
 
@@ -47,12 +46,6 @@ def test_constant_force_and_torque_give_parabolas() -> None:
     t = motion_of_block(forces, 20)
     exact = 0.5 * np.outer(t.t**2, [6.0 / MASS, -4.0 / MASS, 3.0 / INERTIA])
     np.testing.assert_allclose(t.rigid("block"), exact, atol=1e-13)
-
-
-def test_force_at_a_lever_turns_the_body() -> None:
-    t = motion_of_block([ffr.Force(("block", "rim"), 6.0, -4.0)], 2)
-    moment = 0.3 * -4.0 - 0.1 * 6.0
-    np.testing.assert_allclose(t.w[0], [6.0 / MASS, -4.0 / MASS, moment / INERTIA], rtol=1e-13)
 
 
 def swing(stiffness: float, damping: float, t: Array) -> tuple[Array, Array]:
@@ -187,54 +180,3 @@ def test_gravity_may_be_given_over_time() -> None:
     # Without force, kinetic and potential energy add up to a constant.
     energy = constant.kinetic_energy("block") + constant.potential_energy("block")
     np.testing.assert_allclose(energy, 0.0, atol=1e-12)
-
-
-def test_applied_forces_by_name() -> None:
-    forces = [
-        ffr.SpringDamper(("block", "rim"), ffr.Ground((1.0, 1.0)), 50.0, 2.0, 0.5, name="spring"),
-        ffr.Force(("block", "rim"), 2.0, lambda t: 3.0 * t, follower=True, name="jet"),
-        ffr.TorsionalSpringDamper(("block", "rim"), ffr.Ground(), 5.0, 0.3, 0.1),
-        ffr.Torque(("block", "rim"), 7.0, name="motor"),
-    ]
-    t = motion_of_block(forces, 50, ffr.Placement((0.1, 0.2), 0.4, (0.3, -0.2), 2.0))
-    angle, spin = t.rigid("block")[:, 2], t.v[:, 2]
-    c, s, push = np.cos(angle), np.sin(angle), 3.0 * t.t
-    arm = np.stack([0.3 * c - 0.1 * s, 0.3 * s + 0.1 * c], axis=1)
-    away = t.rigid("block")[:, :2] + arm - 1.0
-    rate = t.v[:, :2] + spin[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-    length = np.linalg.norm(away, axis=1)
-    along = away / length[:, None]
-    tension = 50.0 * (length - 0.5) + 2.0 * np.sum(along * rate, axis=1)
-    spring = t.applied_force("spring")
-    np.testing.assert_allclose(spring[:, :2], -tension[:, None] * along, atol=1e-12)
-    np.testing.assert_array_equal(spring[:, 2], 0.0)
-    jet = np.stack([2.0 * c - push * s, 2.0 * s + push * c, 0.0 * c], axis=1)
-    np.testing.assert_allclose(t.applied_force("jet"), jet, atol=1e-13)
-    moment = t.applied_force("TorsionalSpringDamper(block.rim, ground)")[:, 2]
-    np.testing.assert_allclose(moment, -5.0 * (angle - 0.1) - 0.3 * spin, atol=1e-13)
-    np.testing.assert_array_equal(t.applied_force("motor"), np.tile([0.0, 0.0, 7.0], (51, 1)))
-    with pytest.raises(ValueError, match=r"no force 'rope'; the forces are \['spring', 'jet'"):
-        t.applied_force("rope")
-
-
-def test_samples() -> None:
-    times = np.array([0.0, 1.0, 2.0])
-    np.testing.assert_array_equal(sample(2.0, times, "x"), [2.0, 2.0, 2.0])
-    np.testing.assert_array_equal(sample(lambda t: 3.0 * t, times, "x"), [0.0, 3.0, 6.0])
-    motion = ffr.Motion.polynomial([1.0, 1.0])
-    np.testing.assert_array_equal(sample(motion, times, "x"), [1.0, 2.0, 3.0])
-
-
-def test_prescribed_angle_works_against_a_torsional_spring() -> None:
-    """The motor's moment is that of the spring where nothing is accelerated."""
-    mechanism = ffr.Mechanism(
-        {"block": ffr.Placement()},
-        [
-            ffr.Revolute(CENTER, ffr.Ground(), name="pin"),
-            ffr.PrescribedAngle(CENTER, ffr.Motion.polynomial([0.0, 0.4]), name="motor"),
-        ],
-        forces=[ffr.TorsionalSpringDamper(CENTER, ffr.Ground(), 5.0, 0.7, 0.0)],
-    )
-    t = ffr.simulate(mechanism, block(), ffr.GeneralizedAlpha(1.0, 10))
-    exact = 5.0 * 0.4 * t.t + 0.7 * 0.4
-    np.testing.assert_allclose(t.joint_force("motor")[:, 0], exact, atol=1e-12)

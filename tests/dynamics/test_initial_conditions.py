@@ -112,46 +112,6 @@ def test_pendulum_comes_to_hang(angle: float) -> None:
     assert math.cos(y[2]) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_body_hangs_on_a_spring() -> None:
-    body = ffr.VolumeIntegrals.rigid(2.0, (0.0, 0.0), 0.1, {"hook": (0.0, 0.1)})
-    mechanism = ffr.Mechanism(
-        {"body": ffr.Placement((0.05, -0.8), 0.3)},
-        forces=[ffr.SpringDamper(("body", "hook"), ffr.Ground(), 100.0, 7.0, 0.5)],
-        gravity=(0.0, -9.81),
-        start=ffr.StaticEquilibrium(),
-    )
-    y, _ = state(mechanism, {"body": body})
-    np.testing.assert_allclose(y, [0.0, -0.1 - 0.5 - 2.0 * 9.81 / 100.0, 0.0], atol=1e-12)
-
-
-def test_velocities_of_the_drive_start_from_the_equilibrium() -> None:
-    body = beam(0.4, 0.01, 0.01, elements=8, modes=3, frame="tangent")
-    mechanism = held(
-        ffr.Revolute(("beam", "left"), ffr.Ground(), name="hub"),
-        ffr.PrescribedAngle(("beam", "left"), ffr.Motion.polynomial([0.0, 3.0]), name="drive"),
-        gravity=(0.0, -9.81),
-    )
-    t = ffr.simulate(mechanism, {"beam": body}, ffr.GeneralizedAlpha(0.01, 10))
-    q = np.linalg.solve(body.K, -9.81 * body.S[1:, 1])
-    np.testing.assert_allclose(t.elastic("beam")[0], q, rtol=1e-11, atol=1e-18)
-    np.testing.assert_allclose(t.v[0], [0.0, 0.6, 3.0, 0.0, 0.0, 0.0], atol=1e-12)
-    # The accelerations at the start fit the constraint: the hub does not move.
-    hub = t.w[0, :2] + np.array([0.2 * 9.0, 0.0])
-    np.testing.assert_allclose(hub, 0.0, atol=1e-10)
-
-
-def test_beam_clamped_at_both_ends_is_closed_by_bending() -> None:
-    body = beam(0.4, 0.01, 0.01, elements=8, modes=6, frame="free")
-    mechanism = held(
-        ffr.Weld(("beam", "left"), ffr.Ground(), angle=0.0, name="clamp"),
-        ffr.PointOnLine(("beam", "right"), ffr.Ground((0.0, 0.002)), name="support"),
-    )
-    t = ffr.simulate(mechanism, {"beam": body}, ffr.GeneralizedAlpha(0.01, 5))
-    assert np.max(np.abs(t.elastic("beam")[0])) > 1e-5
-    np.testing.assert_allclose(t.marker_path("beam", "right")[:, 1], 0.002, atol=1e-14)
-    np.testing.assert_allclose(t.y, np.tile(t.y[0], (6, 1)), atol=1e-12)
-
-
 def bar() -> Bodies:
     return {
         "bar": ffr.VolumeIntegrals.rigid(1.0, (0, 0), 0.1, {"left": (-0.5, 0), "right": (0.5, 0)})
@@ -161,7 +121,7 @@ def bar() -> Bodies:
 HINGE = ffr.Revolute(("bar", "left"), ffr.Ground(), name="pin")
 FAR = ffr.Revolute(("bar", "right"), ffr.Ground((2, 0)), name="far")
 DOWN = {"gravity": (0.0, -9.81)}
-NONE = "no static equilibrium .* body 'bar' (can move without resistance|still moves)"
+NONE = "no (unique )?static equilibrium .* body 'bar' (can move without resistance|still moves)"
 
 
 def turned(moment: float, damping: float) -> list[AppliedForce]:

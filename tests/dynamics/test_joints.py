@@ -232,32 +232,3 @@ def test_bead_on_a_turning_rod(modulus: float | None) -> None:
         check_order(errors, STEPS, 1e-6, 1e-4)
     else:  # the rod bends by a millionth of its length
         assert np.all(np.array(errors(800)) < [1e-6, 1e-3])
-
-
-def test_linear_drive_moves_a_carriage_along_a_turning_arm() -> None:
-    """An arm turned by a motor, and a carriage that a spindle moves out along it."""
-    arm = ffr.VolumeIntegrals.rigid(
-        1.0, (0.0, 0.0), 0.1, {"left": (-0.2, 0.0), "middle": (0.0, 0.0)}
-    )
-    carriage, hub, turned = ("carriage", "center"), ("arm", "left"), 0.3
-    direction = (2.0 * math.cos(turned), 2.0 * math.sin(turned))
-    spindle = ffr.Motion.polynomial([0.05, 0.1, 0.2])
-    mechanism = ffr.Mechanism(
-        {"arm": ffr.Placement((0.2, 0.0)), "carriage": ffr.Placement((0.25, 0.01))},
-        [
-            ffr.Revolute(hub, ffr.Ground(), name="bearing"),
-            ffr.PrescribedAngle(hub, ffr.Motion.polynomial([0.0, 3.0]), name="motor"),
-            ffr.Translational(carriage, hub, direction, name="rails"),
-            ffr.LinearDrive(carriage, hub, spindle, direction, name="spindle"),
-        ],
-    )
-    bodies = {"arm": arm, "carriage": disc(0.2, 1e-3)}
-    t = ffr.simulate(mechanism, bodies, ffr.GeneralizedAlpha(0.5, 400))
-    distance, angle = 0.05 + 0.1 * t.t + 0.2 * t.t**2, 3.0 * t.t + turned
-    exact = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    offset = t.marker_path(*carriage) - t.marker_path(*hub)
-    np.testing.assert_allclose(offset, exact, atol=1e-12)
-    # m (r'' - omega^2 r) along the line, 2 m omega r' across it
-    push, side = 0.2 * (0.4 - 9.0 * distance), 0.2 * 2.0 * 3.0 * (0.1 + 0.4 * t.t)
-    np.testing.assert_allclose(t.joint_force("spindle")[:, 0], push, atol=1e-4)
-    np.testing.assert_allclose(t.joint_force("rails")[:, 0], side, atol=1e-4)

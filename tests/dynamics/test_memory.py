@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from dataclasses import replace
 
 from mpi4py import MPI
@@ -27,25 +26,6 @@ def test_what_no_machine_holds_is_refused(integrator: Integrator) -> None:
     scene = SCENES["slider-crank"]()
     with pytest.raises(MemoryError, match=r",001 instants would take some \S+ GB, and there are"):
         ffr.simulate(scene.mechanism, scene.bodies, integrator)
-
-
-@pytest.mark.parametrize("integrator", METHODS)
-def test_the_estimate_is_that_of_the_arrays(integrator: Integrator) -> None:
-    """Joints take fewer rows than assumed and temporary arrays differ: a factor of 1.5 each way."""
-    scene = SCENES["slider-crank"]()
-    bodies, modes = scene.bodies, [body.modes for body in scene.bodies.values()]
-    problem = ffr.MechanicalProblem(scene.mechanism, integrator, ffr.IntegralCompliance())
-    problem.gradient(bodies)  # compiles
-    tracemalloc.start()
-    try:
-        evaluation = problem.value(bodies)
-        value = tracemalloc.get_traced_memory()[1]
-        problem.differentiate(evaluation)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert 1 / 1.5 < value / required_memory(integrator, modes) < 1.5
-    assert 1 / 1.5 < peak / required_memory(integrator, modes, adjoint=True) < 1.5
 
 
 def test_limits_of_a_process_are_not_shared(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,18 +39,6 @@ def towards_others(bodies: Bodies, seed: int, make: Make) -> Bodies:
     return {name: other_settings[name] + body.scaled(-1.0) for name, body in bodies.items()}
 
 
-def only(direction: Bodies, part: str) -> Bodies:
-    """A change of one part of the integrals of all bodies."""
-    out = {}
-    for name, change in direction.items():
-        changes = {part: getattr(change, part)}
-        if part == "P":
-            # of which G and N follow
-            changes |= {"G": np.zeros((0, 0)), "N": np.zeros((0, 0))}
-        out[name] = replace(change.zeros_like(), **changes)
-    return out
-
-
 @pytest.fixture(scope="module", params=list(CASES))
 def case(request: pytest.FixtureRequest) -> tuple[Case, Bodies]:
     example = CASES[request.param]()
@@ -69,20 +57,6 @@ def test_taylor_order(case: tuple[Case, Bodies]) -> None:
     direction = towards_others(example.bodies, 5, example.make)
     value, slope = along(example, direction), derivatives.dot(gradient, direction)
     derivatives.check_slope(value, slope, 2e-4, ratio=10.0**0.5, points=4)
-
-
-# How each part enters the equations does not depend on the time integration.
-@pytest.mark.slow
-@pytest.mark.parametrize("case", ["loop", "stiffened", "settled", "spun"], indirect=True)
-@pytest.mark.parametrize("part", ["mass", "S", "P", "K", "markers", "stiffening"])
-def test_derivatives_with_respect_to_each_part(case: tuple[Case, Bodies], part: str) -> None:
-    example, gradient = case
-    direction, step = towards_others(example.bodies, 6, example.make), 5e-5
-    size = sum(abs(gradient[name].dot(direction[name])) for name in gradient)
-    change = only(direction, part)
-    expected = derivatives.difference(along(example, change), step)
-    # Differences of psi cannot tell what is smaller than its round-off over the step.
-    assert derivatives.dot(gradient, change) == pytest.approx(expected, rel=1e-6, abs=1e-8 * size)
 
 
 def test_order_of_a_flexible_loop() -> None:

@@ -291,21 +291,6 @@ def test_what_does_not_fit_is_refused(make, message: str) -> None:
         make()
 
 
-def test_moving_marker_has_the_derivatives_of_its_motion() -> None:
-    crank = ffr.Moving.circle(
-        (0.1, 0.2, 0.3), 0.5, ffr.Motion.polynomial([0.3, 1.0, 2.0]), axis=(1.0, 2.0, 3.0)
-    )
-    t, h = np.array([0.4]), 1e-4
-    here, before, after = (crank.tabulate_in_space(t + k * h, "")[0] for k in (0, -1, 1))
-    np.testing.assert_allclose((after[0] - before[0]) / (2 * h), here[1], atol=1e-6)
-    np.testing.assert_allclose((after[1] - before[1]) / (2 * h), here[2], atol=1e-6)
-    axes = here[0, 1:]
-    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
-    np.testing.assert_allclose(axes[2], np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0), atol=1e-14)
-    # The first axis points along the radius.
-    np.testing.assert_allclose(here[0, 0] - (0.1, 0.2, 0.3), 0.5 * axes[0], atol=1e-14)
-
-
 def test_markers_have_axes_of_their_own(tmp_path: Path) -> None:
     """Axes of joints and directions of followers are given in them; files keep them."""
     Q = Rotation.from_rotvec((0.5, -0.3, 0.8)).as_matrix()
@@ -366,5 +351,5 @@ def test_rounded_rotation_matrices_are_taken(digits: int) -> None:
     ],
 )
 def test_angles_in_degrees_are_asked_about(make: Callable[[], object]) -> None:
-    with pytest.warns(ffr.PlacementWarning, match=r"if these are degrees, give np.deg2rad\(-?90\)"):
+    with pytest.warns(ffr.PlacementWarning, match=r"in degrees, give np.deg2rad\(-?90\)"):
         make()

@@ -129,35 +129,6 @@ def test_hooke_joint_transmits_its_ratio() -> None:
     assert np.min(ratio) == pytest.approx(0.866025404, rel=1e-3)
 
 
-def test_spatial_slider_crank() -> None:
-    """E. J. Haug's mechanism: the slider's place is sqrt(l^2 - y^2 - z^2) of the crank pin's."""
-    crank = ffr.Moving.circle(
-        (0.0, 0.1, 0.12), 0.08, ffr.Motion.smooth_step(2.0 * math.pi, 1.0), axis=(1.0, 0.0, 0.0)
-    )
-    rod = ffr.VolumeIntegrals.rigid(
-        0.5,
-        (0.15, 0.0, 0.0),
-        (1e-5, 0.00375, 0.00375),
-        {"pin": (0.0, 0.0, 0.0), "slider": (0.3, 0.0, 0.0)},
-    )
-    mechanism = ffr.Mechanism(
-        {"rod": ffr.Placement((0.0, 0.18, 0.12), rotation=(0.0, 0.4, -0.6))},
-        joints=[
-            ffr.Spherical(("rod", "pin"), crank),
-            ffr.PointOnLine(("rod", "slider"), ffr.Ground(), (1.0, 0.0, 0.0)),
-        ],
-        point_masses=[ffr.PointMass(("rod", "slider"), 0.5)],
-    )
-    trajectory = ffr.simulate(mechanism, {"rod": rod}, ffr.GeneralizedAlpha(1.0, 100))
-    pin, slider = (trajectory.marker_path("rod", name) for name in ("pin", "slider"))
-    np.testing.assert_allclose(
-        slider[:, 0], np.sqrt(0.09 - pin[:, 1] ** 2 - pin[:, 2] ** 2), atol=1e-13
-    )
-    np.testing.assert_allclose(slider[:, 1:], 0.0, atol=1e-14)
-    assert np.min(slider[:, 0]) == pytest.approx(0.18495188844, abs=1e-3)
-    assert np.max(slider[:, 0]) == pytest.approx(0.29015995410, abs=1e-3)
-
-
 def bricard(integrator: Integrator) -> Array:
     """Place of the fourth corner of Bricard's mechanism at the end, shape (3,) [m]."""
     corners = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]

@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from shared.beams import beam
-from shared.scenes import Scene, loader, robot
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import Trajectory
@@ -109,18 +107,3 @@ def test_column_softens_under_its_own_weight() -> None:
     falling = replace(column(1.01 * critical), start=ffr.Assembled())
     with pytest.warns(ffr.SofteningWarning, match=r"body 'beam' loses its stiffness at t = 0 s"):
         ffr.simulate(falling, {"beam": body}, ffr.GeneralizedAlpha(0.1, 2))
-
-
-@pytest.mark.parametrize("make", [robot, loader])
-def test_no_geometric_stiffness_is_zero_geometric_stiffness(make: Callable[..., Scene]) -> None:
-    """Neither of bodies, some of which are rigid, nor of markers."""
-    scene = make(steps=40, end_time=0.05)
-    zero = {}
-    for name, body in scene.bodies.items():
-        none = np.zeros((2, body.modes, body.modes))
-        markers = {key: replace(marker, stiffening=none) for key, marker in body.markers.items()}
-        zero[name] = replace(body, stiffening={"omega2": none[0]}, markers=markers)
-    first, second = (
-        ffr.simulate(scene.mechanism, bodies, scene.integrator) for bodies in (scene.bodies, zero)
-    )
-    np.testing.assert_allclose(second.y, first.y, rtol=1e-9, atol=1e-12)

@@ -53,23 +53,6 @@ def pendulum(mass: float) -> ffr.Mechanism:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tangent", [True, False], ids=["tangent", "chord"])
-@pytest.mark.parametrize(("young", "mass"), [(1e9, 0.2), (2e7, 0.0)], ids=["mass", "inertia"])
-def test_energy_of_a_falling_bar(young: float, mass: float, tangent: bool) -> None:
-    """The error of the energy falls with the method's order, from a few steps to very many."""
-    counts = np.array([1500, 6000, 24000] if tangent else [1500, 6000])
-    errors = []
-    for count in counts:
-        integrator = ffr.GeneralizedAlpha(1.0, int(count))
-        t = ffr.simulate(pendulum(mass), {"bar": bar(tangent, young)}, integrator)
-        kinetic = t.kinetic_energy("bar")
-        energy = kinetic + t.strain_energy("bar") + t.potential_energy("bar")
-        errors.append(float(np.max(np.abs(energy - energy[0])) / np.max(kinetic)))
-    assert errors[1] < 3e-7
-    assert convergence_order(1.0 / counts, errors) > 1.8
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("mass", [0.0, 0.05])
 @pytest.mark.parametrize("young", [8e7, 2e7])
 def test_frames_agree_to_the_square_of_the_deflection(mass: float, young: float) -> None:
@@ -92,27 +75,6 @@ def test_frames_agree_to_the_square_of_the_deflection(mass: float, young: float)
     assert difference < 0.1 * np.max(np.abs(linear[1] - linear[0]))
 
 
-@pytest.mark.parametrize("tangent", [True, False], ids=["tangent", "chord"])
-def test_a_point_mass_is_a_body_pinned_to_its_marker(tangent: bool) -> None:
-    """Also where the bar bends far, by a mass like its own."""
-    body = bar(tangent, 1e8)
-    mass, integrator = body.mass, ffr.RadauIIA(0.25, steps=600)
-    mechanism = pendulum(mass)
-    tip = ffr.VolumeIntegrals.rigid(mass, inertia=1e-7 * mass, markers={"pin": (0.0, 0.0)})
-    second = replace(
-        mechanism,
-        placements={**mechanism.placements, "tip": ffr.Placement((LENGTH, 0.0))},
-        joints=[*mechanism.joints, ffr.Revolute(("tip", "pin"), ("bar", "right"))],
-        point_masses=[],
-    )
-    with_mass = ffr.simulate(mechanism, {"bar": body}, integrator)
-    with_body = ffr.simulate(second, {"bar": body, "tip": tip}, integrator)
-    shift = body.markers["right"].rotation @ with_mass.elastic("bar").T
-    assert np.max(np.abs(shift)) > 0.01
-    paths = (t.marker_path("bar", "right") for t in (with_mass, with_body))
-    np.testing.assert_allclose(*paths, atol=2e-6 * LENGTH)
-
-
 def random_model(space: bool) -> FlatModel:
     """A body with geometric stiffness, and point masses at markers that have it too."""
     if space:
@@ -126,10 +88,9 @@ def random_model(space: bool) -> FlatModel:
 
 
 @pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
-@pytest.mark.parametrize("seed", range(3))
-def test_mass_matrix(space: bool, seed: int) -> None:
+def test_mass_matrix(space: bool) -> None:
     """Symmetric and positive for deformations of any size, and that of the kinetic energy."""
-    model, rng = random_model(space), np.random.default_rng(seed)
+    model, rng = random_model(space), np.random.default_rng(0)
     coordinates = model.coordinates("bar")
     for size in (0.01, 0.1, 1.0):
         y, v = rng.standard_normal((2, model.size))

@@ -110,7 +110,7 @@ def cube(**options: Any) -> Made:
         (held(lambda x: x[0] < 2.01, lambda x: x[0] > 1.99), "nothing is left to design"),
         (
             held(lambda x: x[0] < 1.01, lambda x: x[0] < 2.01),
-            r"4 cells are in the solid region and in the void one",
+            r"4 cells are in the solid region and in the void region",
         ),
         (held(None, lambda x: x[0] > 3.49), "interface 'b' lies on void cells only"),
         (
@@ -142,7 +142,7 @@ def cube(**options: Any) -> Made:
             ),
             r"hanging node at \(1, [01], 0\.5\) m",
         ),
-        (prisms, r"of the kind 'prism', but .* tetrahedron or hexahedron"),
+        (prisms, r"of the kind 'prism'; take .* tetrahedron or hexahedron"),
         (cube(elements=(5, 1)), "elements must have three numbers"),
         (
             cube(elements=(6, 1, 1), solid_layers=3),

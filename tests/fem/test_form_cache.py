@@ -108,28 +108,6 @@ def test_living_session_keeps_its_directory(
         os.close(descriptor)
 
 
-def test_what_others_finish_later_is_taken_over(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ours, theirs = tmp_path / "forms-0", tmp_path / "forms-1"
-    for directory in (ours, theirs):
-        directory.mkdir()
-    monkeypatch.setattr(form_cache, "_directory", ours)
-    monkeypatch.setattr(form_cache, "_lock", 0)
-    finished: set[str] = set()
-    for form in ("a", "b"):
-        (theirs / f"{form}.c").touch()
-        assert claim_form_cache(MPI.COMM_SELF) == ours
-        assert set(os.listdir(ours)) == finished
-        time.sleep(0.02)  # more than the ticks of the clock of files
-        for name in (f"{form}.x.so", f"{form}.c.cached"):
-            (theirs / name).touch()
-        claim_form_cache(MPI.COMM_SELF)
-        finished |= {f"{form}.c", f"{form}.x.so", f"{form}.c.cached"}
-        assert set(os.listdir(ours)) == finished
-        time.sleep(0.02)
-
-
 @pytest.fixture
 def no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where temporary files are; the cache directory of the user is a file."""
@@ -138,13 +116,6 @@ def no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr(form_cache, "_quiet", form_cache._Announcement())
     return tmp_path
-
-
-def test_unusable_cache_directory_is_replaced_by_one_that_is_kept(
-    no_cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("atexit.register", None)
-    assert form_cache._pool() == no_cache / f"dolfinx_ffr-{os.getuid()}"
 
 
 def test_without_any_place_forms_are_removed_and_that_is_said(

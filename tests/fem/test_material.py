@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mpi4py import MPI
@@ -11,8 +11,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
-from shared import TOP, names_of_program
+from dolfinx import fem, mesh
 from shared.derivatives import check_gradient
 from shared.problems import slider_crank
 from shared.rods import STEEL, rod, solid
@@ -79,8 +78,45 @@ def test_new_numbers_compile_nothing(comm: MPI.Intracomm, monkeypatch: pytest.Mo
     assert sorted(names) == sorted_names
 
 
-#: The example of CONTRIBUTING: two moduli in plane stress, fibres at an angle
-Orthotropic = names_of_program(TOP / "CONTRIBUTING.md", "Orthotropic")["Orthotropic"]
+@dataclass(frozen=True)
+class Orthotropic:
+    """Wood, a laminate, a printed part: two moduli in plane stress, fibres at an angle."""
+
+    young: tuple[float, float]  #: Along and across the fibres [Pa]
+    poisson: float  #: Contraction across the fibres by tension along them [-]
+    shear: float  #: Shear modulus [Pa]
+    density: float  #: [kg/m^3]
+    thickness: float  #: [m]
+    angle: float = 0.0  #: From the x axis to the fibres [rad]
+
+    out_of_plane = 0.0
+
+    def on(self, domain: mesh.Mesh) -> BoundOrthotropic:
+        along, across = self.young
+        compliance = np.diag([1.0 / along, 1.0 / across, 1.0 / self.shear])
+        compliance[0, 1] = compliance[1, 0] = -self.poisson / along
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        turn = np.array(
+            [[c * c, s * s, -2 * c * s], [s * s, c * c, 2 * c * s], [c * s, -c * s, c * c - s * s]]
+        )
+        stiffness = self.thickness * turn @ np.linalg.inv(compliance) @ turn.T
+        density = np.float64(self.thickness * self.density)
+        return BoundOrthotropic(fem.Constant(domain, stiffness), fem.Constant(domain, density))
+
+
+@dataclass(frozen=True)
+class BoundOrthotropic:
+    """The law on a mesh, with numbers as constants of forms."""
+
+    stiffness: fem.Constant
+    density: fem.Constant
+
+    def stress(self, displacement: Any) -> Any:
+        strain = ufl.sym(ufl.grad(displacement))
+        sx, sy, txy = self.stiffness * ufl.as_vector([strain[0, 0], strain[1, 1], 2 * strain[0, 1]])
+        return ufl.as_matrix([[sx, txy], [txy, sy]])
+
+
 SPRUCE = Orthotropic((11e9, 0.45e9), 0.4, 0.65e9, 430.0, 0.02)
 
 

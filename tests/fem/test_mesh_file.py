@@ -182,10 +182,16 @@ KINDS = {
     "S8": (2, 2, 1, 1, -0.0003659489620955),
     "C3D20": (3, 2, 1, 1, -0.0003659489620955),
     "order 3": (2, 3, 0, 1, 0.0000536334173282),
-    "T9": (2, 3, 1, 0, "are of the kind Triangle 9, of order 3; taken are"),
+    "T9": (2, 3, 1, 0, "are of the kind Triangle 9, of order 3; supported are"),
     "order 4": (2, 4, 0, 1, "are of the kind Quadrilateral 25, of order 4"),
     "triangles of order 4": (2, 4, 0, 0, "are of the kind Triangle 15, of order 4"),
-    "hexahedra of order 3": (3, 3, 0, 1, "taken are .* hexahedra of order 1 and 2: mesh it with"),
+    "hexahedra of order 3": (
+        3,
+        3,
+        0,
+        1,
+        "supported are .* hexahedra of order 1 and 2: mesh the body with",
+    ),
 }
 
 

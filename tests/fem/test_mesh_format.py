@@ -37,9 +37,7 @@ def refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., No
     return demand
 
 
-@pytest.mark.parametrize(
-    "name", ["rod.msh", "rod.geo", "rod", "rod.py", "rod.opt", "rod.pos", "rod.step", "rod.brep"]
-)
+@pytest.mark.parametrize("name", ["rod.msh", "rod.geo", "rod", "rod.step"])
 def test_programs_of_gmsh_are_not_executed(refused: Callable[..., None], name: str) -> None:
     refused(name, PROGRAM, "begins with 'SystemCall .*execute such a file as a program")
 
@@ -47,11 +45,9 @@ def test_programs_of_gmsh_are_not_executed(refused: Callable[..., None], name: s
 #: Name, content, message
 NO_MESHES = {
     "gzip": ("rod.msh.gz", gzip.compress(strip()), r"compressed by gzip; unpack it \(gunzip\)"),
-    "gzip by another name": ("rod.msh", gzip.compress(PROGRAM), "compressed by gzip"),
     "a name for the shell": ("rod; touch executed; .gz", PROGRAM, "begins with"),
     "STEP": ("rod.step", b"ISO-10303-21;\nHEADER;\n", "a STEP file, a geometry without a mesh"),
     "BREP": ("rod.brep", b"DBRep_DrawableShape\n", "a BREP file"),
-    "an empty line": ("rod.msh", b"\n" + strip(), "begins with ''"),
     "format 1": ("rod.msh", b"$NOD\n1\n1 0 0 0\n$ENDNOD\n", "a mesh in format 1"),
     "comments": ("rod.msh", b"$Comments\nx\n$EndComments\n" + strip(), "begins with"),
     "the head alone": ("rod.msh", b"$MeshFormat\n" + PROGRAM, "only the formats 2 and 4"),
@@ -122,32 +118,24 @@ def test_commands_and_demos_execute_no_mesh(
 
 
 MANY = 4 * 10**12
-#: Content, message
 TOO_MANY = {
-    "nodes": (strip().replace(b"$Nodes\n14\n", b"$Nodes\n%d\n" % MANY), "promises 4,000.* nodes"),
-    "elements": (strip().replace(b"$Elements\n", b"$Elements\n9"), "promises 9[0-9,]* elements"),
-    "a word": (strip().replace(b"$Nodes\n14\n", b"$Nodes\nmany\n"), "no number of its nodes"),
-    "format 4": (
-        b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 %d 1 %d\n" % (MANY, MANY),
-        "promises 4,000,000,000,000 nodes, which its .* bytes cannot hold",
-    ),
-    "binary": (
-        BINARY + b"$Nodes\n" + struct.pack("<4Q", 1, MANY, 1, MANY),
-        "promises 4,000,000,000,000 nodes",
-    ),
+    "nodes": strip().replace(b"$Nodes\n14\n", b"$Nodes\n%d\n" % MANY),
+    "elements": strip().replace(b"$Elements\n", b"$Elements\n9"),
+    "a word": strip().replace(b"$Nodes\n14\n", b"$Nodes\nmany\n"),
+    "format 4": b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 %d 1 %d\n" % (MANY, MANY),
+    "binary": BINARY + b"$Nodes\n" + struct.pack("<4Q", 1, MANY, 1, MANY),
     "the first block": (
-        BINARY + b"$Nodes\n" + struct.pack("<4Q3iQ", 1, 4, 1, MANY, 2, 1, 0, MANY) + bytes(200),
-        "is not a mesh that gmsh can read",
+        BINARY + b"$Nodes\n" + struct.pack("<4Q3iQ", 1, 4, 1, MANY, 2, 1, 0, MANY) + bytes(200)
     ),
 }
 
 
 @pytest.mark.parametrize("case", TOO_MANY)
 def test_more_nodes_than_a_file_can_hold(tmp_path: Path, case: str) -> None:
-    content, message = TOO_MANY[case]
+    """Another process finds out, whose memory is limited."""
     path = tmp_path / "rod.msh"
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=message):
+    path.write_bytes(TOO_MANY[case])
+    with pytest.raises(ValueError, match=r"not a mesh that gmsh can read: .* write it again"):
         Domain.from_gmsh(MPI.COMM_SELF, path)
 
 

@@ -465,17 +465,6 @@ class Scene:
     def of_parts(self) -> Rows:
         """What the chain consists of, for those who call its links one by one."""
         row, full = self.row, self.full
-        yield row(self.rod.quadrature_points, "n", {"n": 1})
-        material = {"material": STEEL, "interpolation": ffr.SIMP()}
-        nothing = dict.fromkeys(material, NOTHING)
-        yield row(ffr.fem.Elasticity, "domain", material, **nothing)
-        yield row(
-            ffr.reduction.CraigBampton,
-            "modes tolerance",
-            {"elasticity": self.body.elasticity, "frame": ffr.TangentFrame("left"), "modes": 1},
-            elasticity=NOTHING,
-            frame=NOTHING,
-        )
         x = {"x": full}
         yield row(ffr.gray_fraction, "domain", x, x=self.refused["density"])
         everywhere = np.ones(self.rod.n_cells, bool)
@@ -628,7 +617,7 @@ def answer(call: Callable[[], Any], name: str) -> str:
     The argument is named, as it is or by the word for it.
     """
     try:
-        found = call()
+        computed = call()
     except (TypeError, ValueError) as error:
         frame = traceback.extract_tb(error.__traceback__)[-1]
         line = linecache.getline(frame.filename, frame.lineno or 0).strip()
@@ -638,7 +627,7 @@ def answer(call: Callable[[], Any], name: str) -> str:
         return f"a trace from the inside: {type(error).__name__}: {error} ({line})"
     except Exception as error:
         return f"{type(error).__name__}: {error}"
-    return f"taken: {found!r:.60}"
+    return f"taken: {computed!r:.60}"
 
 
 @pytest.mark.slow
@@ -750,7 +739,7 @@ def test_slips_in_the_names_of_options() -> None:
         (partial(ffr.Part.of, design, full), *tolerance),
         (partial(part.write, "folder"), {"units": "mm"}, "no option 'units'; did you mean 'unit'"),
     ]
-    for call, options, said in calls:
-        with pytest.raises(TypeError, match=re.escape(said)):
+    for call, options, message in calls:
+        with pytest.raises(TypeError, match=re.escape(message)):
             call(**options)
     assert not Path("folder").exists()

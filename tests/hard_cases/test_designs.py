@@ -39,9 +39,10 @@ def check(
     return problem, x, problem.value(x).psi
 
 
-@pytest.mark.parametrize("floor", [1e-6, pytest.param(1e-9, marks=pytest.mark.mpi)])
-def test_half_the_body_is_void(comm: MPI.Intracomm, floor: float) -> None:
+@pytest.mark.mpi
+def test_half_the_body_is_void(comm: MPI.Intracomm) -> None:
     """A strip in a void of next to no stiffness: psi of the strip alone, and an exact gradient."""
+    floor = 1e-9
     law = ffr.SIMP(floor=floor)
     problem, strip, psi = check(comm, lambda i, j: np.abs(j - 3.5) < 2, interpolation=law)
     # the void bears a share of the load in proportion to its stiffness, from both sides of a strip
@@ -69,10 +70,9 @@ def test_many_modes_beside_void(comm: MPI.Intracomm) -> None:
     assert problem.value(strip).psi == pytest.approx(fewer_modes, rel=1e-3)
 
 
-@pytest.mark.parametrize("floor", [1e-6, 1e-9])
-def test_checkerboard(comm: MPI.Intracomm, floor: float) -> None:
+def test_checkerboard(comm: MPI.Intracomm) -> None:
     """Bilinear elements take it for stiffer than it is; value and gradient are sound."""
-    check(comm, lambda i, j: (i + j) % 2 == 0, interpolation=ffr.SIMP(floor=floor))
+    check(comm, lambda i, j: (i + j) % 2 == 0, interpolation=ffr.SIMP(floor=1e-9))
 
 
 def test_necks_of_one_element(comm: MPI.Intracomm) -> None:
@@ -139,7 +139,7 @@ def test_cluster_at_the_edge_of_the_basis(comm: MPI.Intracomm, difference: float
     assert derivative == pytest.approx((ends[1] - ends[0]) / (2.0 * step), rel=1e-3)
 
 
-@pytest.mark.parametrize("gap", [pytest.param(0.0, marks=pytest.mark.mpi), 1e-12, 1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("gap", [pytest.param(0.0, marks=pytest.mark.mpi), 1e-9, 1e-3])
 def test_nearly_equal_frequencies(comm: MPI.Intracomm, gap: float) -> None:
     """The gradient is exact however close two frequencies are."""
     body, upper = fork(comm, 2)
@@ -170,11 +170,10 @@ def test_interfaces_that_may_lose_their_material_are_named(comm: MPI.Intracomm) 
     [
         # what the ranks share ends with the volume integrals
         pytest.param(ffr.GeneralizedAlpha(0.1, 400), 2, marks=pytest.mark.mpi),
-        (ffr.GeneralizedAlpha(0.1, 400), 4),
         (ffr.RadauIIA(0.1, steps=100), 4),
         (ffr.RadauIIA(0.1, tolerance=1e-7), 4),
     ],
-    ids=["2 modes", "generalised alpha", "Radau IIA", "Radau IIA, adaptive"],
+    ids=["generalised alpha", "Radau IIA", "Radau IIA, adaptive"],
 )
 def test_psi_and_gradient_pass_on_continuously(
     comm: MPI.Intracomm, integrator: ffr.GeneralizedAlpha | ffr.RadauIIA, modes: int

@@ -72,12 +72,12 @@ def test_killed_and_resumed(tmp_path: Path) -> None:
     killed = read_history(history)
     assert 4 <= len(killed["psi"]) < 9
     runpy.run_path(written(part, resume=True), run_name="__main__")
-    expected, found = read_history(whole / "out" / "history.csv"), read_history(history)
-    assert np.array_equal(found["iteration"], expected["iteration"])
+    expected, computed = read_history(whole / "out" / "history.csv"), read_history(history)
+    assert np.array_equal(computed["iteration"], expected["iteration"])
     # processes differ in their last bits: a start with another last bit ends 4e-9 apart, a run
     # that goes on without the state of the optimizer 4e-3 at once
-    np.testing.assert_allclose(found["psi"][:4], expected["psi"][:4], rtol=1e-9)
-    np.testing.assert_allclose(found["psi"], expected["psi"], rtol=1e-7)
+    np.testing.assert_allclose(computed["psi"][:4], expected["psi"][:4], rtol=1e-9)
+    np.testing.assert_allclose(computed["psi"], expected["psi"], rtol=1e-7)
 
 
 def test_a_rank_without_disk_stops_all(tmp_path: Path) -> None:

@@ -131,7 +131,6 @@ def check_silent(mechanism: ffr.Mechanism, bodies: Bodies, *integrators: Integra
 @pytest.mark.parametrize(
     ("integrator", "error"),
     [
-        (ffr.GeneralizedAlpha(0.5, 1), r"0\.\d in .* instead of 1,"),
         (ffr.GeneralizedAlpha(0.5, 5), r"0\.\d in .* instead of 5,"),
         (ffr.RadauIIA(0.5, steps=1), r"\S+ in .* instead of 1,"),
     ],
@@ -148,9 +147,9 @@ def test_too_few_steps_are_reported(integrator: Integrator, error: str) -> None:
 @pytest.mark.parametrize(
     ("name", "method", "steps"),
     [
-        *(("robot", ffr.GeneralizedAlpha, steps) for steps in (16, 32)),
+        ("robot", ffr.GeneralizedAlpha, 32),
         ("slider_crank", ffr.GeneralizedAlpha, 32),
-        *(("robot", ffr.RadauIIA, steps) for steps in (8, 12)),
+        ("robot", ffr.RadauIIA, 12),
     ],
 )
 def test_too_few_steps_for_vibrations_are_reported(name: str, method: Any, steps: int) -> None:
@@ -190,7 +189,7 @@ def test_a_rod_driven_at_both_ends_is_reported(method: Method) -> None:
 
 
 @both_methods
-@pytest.mark.parametrize("ratio", [0.5, 0.98, 1.02, 3.0])
+@pytest.mark.parametrize("ratio", [0.98, 1.02])
 def test_around_the_softening_limit(ratio: float, method: Method) -> None:
     """Below the first frequency the bar is sound; from there on it is reported by name."""
     bar = beam(1.0, 0.01, 0.01, elements=8, modes=3, frame="tangent")
@@ -260,7 +259,7 @@ def off_the_closed_form(trajectory: ffr.dynamics.Trajectory, length: float) -> f
 
 @pytest.mark.slow
 @both_methods
-@pytest.mark.parametrize("length", [0.1001, 0.101, 0.12])
+@pytest.mark.parametrize("length", [0.1001, 0.12])
 def test_crank_nearly_as_long_as_the_rod(length: float, method: Method) -> None:
     """The slider-crank turns through its dead centres, where the rod stands across."""
     rod = beam(length, 0.01, 0.01, elements=8, modes=3, frame="chord")

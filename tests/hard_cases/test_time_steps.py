@@ -231,8 +231,8 @@ def test_an_accuracy_that_is_asked_for_is_got_or_the_error_is_told(case: int) ->
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         chosen = problem.with_steps(choice)
-    found = numbers(scene, integrate(scene.mechanism, scene.bodies, chosen.integrator))
-    error = float(np.max(np.abs(found / resolved(scene, tolerance) - 1.0)))
+    computed = numbers(scene, integrate(scene.mechanism, scene.bodies, chosen.integrator))
+    error = float(np.max(np.abs(computed / resolved(scene, tolerance) - 1.0)))
     assert choice.met == (case != 32)
     if choice.met:
         assert not caught and error <= tolerance
@@ -266,14 +266,14 @@ def test_sudden_weight() -> None:
     assert problem.value(bodies).psi == pytest.approx(1.5 * 2.0 * sag(bodies), rel=1e-2)
     # by steps that were given it is told what is missing, and model reports know
     fixed = replace(problem, integrator=ffr.RadauIIA(2.0, steps=400))
-    with pytest.warns(ffr.TimeStepWarning, match=r"417\.8 Hz first of all, .* 33 percent"):
+    with pytest.warns(ffr.TimeStepWarning, match=r"417\.8 Hz, .* 33 percent"):
         lost = fixed.value(bodies)
     assert lost.psi == pytest.approx(2.0 * sag(bodies), rel=1e-3)
     assert fixed.time_error(lost.response) == pytest.approx(0.5 / 1.5, rel=0.1)
-    # the same where other steps are to be refined
-    alpha = replace(problem, integrator=ffr.GeneralizedAlpha(2.0, 500)).with_tolerance(bodies, 1e-2)
-    assert alpha.integrator == ffr.GeneralizedAlpha(2.0, 500, 1.0)
-    assert alpha.value(bodies).psi == pytest.approx(1.5 * 2.0 * sag(bodies), rel=1e-2)
+    # steps that keep them take their place
+    enough = fixed.with_tolerance(bodies, 1e-2)
+    assert enough.integrator.amplification(100.0) == 1.0
+    assert enough.value(bodies).psi == pytest.approx(1.5 * 2.0 * sag(bodies), rel=1e-2)
 
 
 def test_chosen_steps_are_not_told_to_be_chosen() -> None:
@@ -330,31 +330,6 @@ def test_a_blow_between_the_steps() -> None:
         fixed.value(bodies)
     chosen = replace(problem, integrator=ffr.TimeInterval(0.2, 1e-3)).value(bodies)
     assert chosen.psi == pytest.approx(psi, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("shape", "ends", "damping"),
-    [
-        pytest.param(lambda u: np.where(u > 0.3, 1.0, 0.0), (0.3,), 400.0, id="sudden load"),
-        pytest.param(lambda u: pulse(u, 0.3, 0.02), (0.3, 0.32), 0.0, id="blow"),
-    ],
-)
-def test_the_estimate_under_a_load_that_nobody_named(
-    shape: Callable[[Array], Array], ends: tuple[float, ...], damping: float
-) -> None:
-    """It is no less than the error, but for a fifth, and no more than five times of it."""
-    end_time, tolerance = 0.05, 1e-3
-    force = ffr.Force(("rod", "right"), 0.0, lambda t: 100.0 * shape(np.asarray(t) / end_time))
-    rubbing = {"rod": ffr.RayleighDamping(damping, 0.0)}
-    mechanism, bodies = steel_cantilever(forces=[force], damping=rubbing)
-    interval = ffr.TimeInterval(end_time, tolerance)
-    problem = ffr.MechanicalProblem(mechanism, interval, ffr.IntegralCompliance())
-    choice = problem.choose_steps(bodies, interval)
-    named = replace(mechanism, jumps=[share * end_time for share in ends])
-    fine = replace(problem, mechanism=named, integrator=ffr.RadauIIA(end_time, steps=3000))
-    error = abs(problem.with_steps(choice).value(bodies).psi / fine.value(bodies).psi - 1.0)
-    assert error <= tolerance
-    assert 0.8 * error <= choice.error <= 5.0 * error
 
 
 def test_steps_between_two_jumps_grow_with_their_number() -> None:

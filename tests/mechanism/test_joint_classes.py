@@ -15,15 +15,12 @@ from dolfinx_ffr.mechanism import (
     BodyVector,
     Element,
     Joint,
-    Line,
     Load,
     Marker,
     Pin,
     Row,
     RowKind,
-    Slider,
     SpringRow,
-    Square,
     Symbol,
     Undeformed,
     VectorKind,
@@ -37,50 +34,6 @@ from dolfinx_ffr.mechanism import (
 A, B = ("block", "center"), ffr.Ground(name="wall")
 STILL = ffr.Motion.constant(0.5)
 BODIES = {"block": ffr.VolumeIntegrals.rigid(3.0, (0.0, 0.0), 0.5, {"center": (0.0, 0.0)})}
-#: Joints, the kinds of their rows in the plane and in space, and their symbols
-POINT, PLANE, DOT, ANGLE = RowKind.POINT, RowKind.PLANE, RowKind.DOT, RowKind.ANGLE
-LENGTH, GEAR, MESH = RowKind.DISTANCE, RowKind.GEAR, RowKind.MESH
-KINDS: list[tuple[Joint, list[RowKind], list[RowKind], list[type[Symbol]]]] = [
-    (ffr.Revolute(A, B), [POINT] * 2, [POINT] * 3 + [DOT] * 2, [Pin]),
-    (ffr.Weld(A, B), [POINT, POINT, ANGLE], [POINT] * 3 + [DOT] * 3, [Square]),
-    (ffr.PointOnLine(A, B), [PLANE], [PLANE] * 2, [Slider]),
-    (ffr.Translational(A, B), [PLANE, ANGLE], [PLANE] * 2 + [DOT] * 3, [Slider]),
-    (AngleCoupling(A, B, -2.0), [GEAR], [GEAR], []),
-    (ffr.Gear(A, B, -2.0), [MESH], [MESH], []),
-    (ffr.Distance(A, B), [LENGTH], [LENGTH], [Pin, Line]),
-    (ffr.PrescribedAngle(A, STILL, B), [ANGLE], [ANGLE], []),
-    (ffr.PrescribedPosition(A, "y", STILL), [POINT], [POINT], [Pin]),
-    (ffr.LinearDrive(A, B, STILL), [PLANE], [PLANE], [Line]),
-    (ffr.Spherical(A, B), [], [POINT] * 3, [Pin]),
-    (ffr.Universal(A, B), [], [POINT] * 3 + [DOT], [Pin]),
-    (ffr.Cylindrical(A, B), [], [PLANE] * 2 + [DOT] * 2, [Slider]),
-    (ffr.Planar(A, B), [], [PLANE] + [DOT] * 2, [Pin]),
-    (ffr.PointOnPlane(A, B), [], [PLANE], [Pin]),
-]
-
-
-@pytest.mark.parametrize(
-    ("joint", "plane", "space", "symbols"), KINDS, ids=[type(joint).__name__ for joint, *_ in KINDS]
-)
-def test_rows_and_symbols(
-    joint: Joint, plane: list[RowKind], space: list[RowKind], symbols: list[type[Symbol]]
-) -> None:
-    """One statement gives the rows of both."""
-    for dimension, kinds in ((2, plane), (3, space)):
-        if joint.dimension not in (None, dimension):
-            assert not kinds
-            continue
-        start = {"block": ffr.Placement()}, {A: np.full(dimension, 0.3)}, np.zeros(1), dimension
-        rows = joint.rows(Undeformed(*start))
-        assert [row.kind for row in rows] == kinds
-        ends = {*joint.markers}
-        assert {vector.marker for row in rows for vector in row.vectors} == ends
-        assert joint.rigid == (len(rows) == 3 * dimension - 3)
-        directions = [v for row in rows for v in row.vectors if v.kind == VectorKind.DIRECTION]
-        for vector in directions:
-            assert np.linalg.norm(vector.components) == pytest.approx(1.0, rel=1e-15)
-    assert [type(symbol) for symbol in joint.symbols] == symbols
-    assert all(symbol.markers == joint.markers for symbol in joint.symbols)
 
 
 @dataclass(frozen=True)
@@ -157,18 +110,13 @@ REFUSED: list[tuple[Joint | AppliedForce, str]] = [
         AngleCoupling(A, B, 2.0, axis=ASIDE),
         "the axis is perpendicular to the plane in which",
     ),
-    (ffr.TorsionalSpringDamper(A, B, 2.0, axis=ASIDE), "the axis is perpendicular to the"),
     (ffr.Gear(A, B, -2.0), "centres of the wheels lie on one axis .* an AngleCoupling couples"),
-    (ffr.Gear(A, B, -2.0, axis=ASIDE), "the axis is perpendicular to the plane in which"),
     (
         ffr.PrescribedAngle(A, STILL, B, axis=DOWN),
-        r"count about the axis \(0, 0, 1\); give this one",
+        r"count about the axis \(0, 0, 1\); give this axis",
     ),
-    (AngleCoupling(A, B, 2.0, axis=DOWN), r"angles count about the axis \(0, 0, 1\)"),
-    (ffr.TorsionalSpringDamper(A, B, 2.0, axis=DOWN), r"angles count about the axis \(0, 0, 1\)"),
     (Own(Row(RowKind.DOT, (X, Y))), "a row DOT of these vectors.* exists in space only"),
-    (Own(Row(RowKind.POINT, ENDS, (0.6, 0.8, 0.0))), "in the plane there are POINT along x or y"),
-    (Own(Row(RowKind.PLANE, (*ENDS, direction(A, ASIDE)))), "a row PLANE of these"),
+    (Own(Row(RowKind.POINT, ENDS, (0.6, 0.8, 0.0))), "in the plane take POINT along x or y"),
     (Own(Row(RowKind.PLANE, (*ENDS, Z))), "a row PLANE of these"),
     (Own(Row(RowKind.DISTANCE, (X, Y))), "a row DISTANCE of these"),
     (
@@ -176,7 +124,7 @@ REFUSED: list[tuple[Joint | AppliedForce, str]] = [
         "a row GEAR",
     ),
     (OwnForce(Element((SpringRow(Row(RowKind.PLANE, (*ENDS, Z)), 1.0, 0.0),))), "a row PLANE of"),
-    (OwnForce(Element(loads=(Load(point(A), ASIDE, (X, Y, Z)),))), "axes of a force are"),
+    (OwnForce(Element(loads=(Load(point(A), ASIDE, (X, Y, Z)),))), "axes of its own marker"),
     (OwnForce(Element(loads=(Load(BodyVector(A, VectorKind.SPIN), ASIDE),))), "about z"),
     (ffr.Force(A, z=1.0), "there is no axis z in the plane"),
     (ffr.PrescribedPosition(A, "z", STILL), "no axis z in the plane"),

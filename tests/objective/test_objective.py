@@ -15,6 +15,7 @@ import scipy.linalg
 import scipy.optimize
 from shared.beams import beam
 from shared.derivatives import along, check_slope, difference, dot, moved, random_direction
+from shared.motions import yoke
 from shared.scenes import Bodies, four_bar, robot
 from shared.spatial_bodies import cloud
 
@@ -37,7 +38,6 @@ OBJECTIVES: dict[str, tuple[str, ffr.Objective]] = {
     "integral compliance": ("four-bar", ffr.IntegralCompliance(weights={"rocker": 0.5})),
     "mean compliance": ("four-bar", ffr.PeakCompliance(power=1)),
     "peak compliance": ("four-bar", ffr.PeakCompliance(power=8)),
-    "peak of one body": ("four-bar", ffr.PeakCompliance(["coupler"], power=30.0)),
     "path": ("robot", ffr.PathTracking("arm", "middle", (ARM_X, lambda t: rigid_path(t)[:, 1]))),
     "end of a path": (
         "robot",
@@ -58,14 +58,10 @@ OBJECTIVES: dict[str, tuple[str, ffr.Objective]] = {
     "work with recuperation": ("four-bar", DriveWork("motor", recovered=0.4, window=(0.1, 0.3))),
     "force of a weld": ("robot", ffr.JointForce("flange")),
     "moment of a weld": ("robot", ffr.JointForce("flange", moment=True, power=3.0)),
-    "force of a guide": ("robot", ffr.JointForce("guide")),
     "mass": ("four-bar", ffr.Mass("coupler")),
     "frequency": ("four-bar", ffr.Frequency("rocker")),
-    "second frequency": ("four-bar", ffr.Frequency("coupler", number=2)),
     "cluster of frequencies": ("four-bar", ffr.Frequency("coupler", cluster=2)),
     "free frequency": ("four-bar", ffr.Frequency("coupler", number=2, free=True)),
-    "cluster of free frequencies": ("robot", ffr.Frequency("arm", cluster=3, free=True)),
-    "frequency with what hangs on the body": ("robot", ffr.Frequency("arm", point_masses=True)),
     "free one with what hangs on it": (
         "robot",
         ffr.Frequency("arm", cluster=3, free=True, point_masses=True),
@@ -168,18 +164,6 @@ def test_peak_does_not_overflow(motion: Moved, size: float) -> None:
     )
 
 
-def yoke() -> tuple[ffr.Mechanism, dict[str, ffr.VolumeIntegrals]]:
-    """A slide of 2 kg that a pin in its slot moves by 0.1 m sin(15 t)."""
-    turn = ffr.Motion.polynomial([-0.5 * np.pi, 15.0])
-    pin = ffr.Moving.circle((0.0, 0.0), 0.1, turn)
-    joints = [
-        ffr.Translational(("yoke", "pin"), ffr.Ground(), name="rails"),
-        ffr.PointOnLine(pin, ("yoke", "pin"), direction=(0.0, 1.0), name="slot"),
-    ]
-    body = ffr.VolumeIntegrals.rigid(2.0, (0.0, 0.0), 0.1, {"pin": (0.0, 0.0)})
-    return ffr.Mechanism({"yoke": ffr.Placement()}, joints), {"yoke": body}
-
-
 def test_forces_outside_the_window_do_not_matter(motion: Moved) -> None:
     trajectory, bodies, response = motion
     objective = ffr.JointForce("motor", power=100.0, window=(0.1, 0.2))
@@ -198,12 +182,11 @@ WINDOW = (0.5123, 0.5234)
     "integrator",
     [
         ffr.GeneralizedAlpha(2.0, 500),
-        ffr.GeneralizedAlpha(2.0, 2000),
         ffr.RadauIIA(2.0, steps=200),
         ffr.TimeInterval(2.0, 1e-2),
     ],
 )
-@pytest.mark.parametrize("window", [WINDOW, (0.5, 0.501), (0.7771, 5.0), (-1.0, 0.3333)])
+@pytest.mark.parametrize("window", [WINDOW, (0.7771, 5.0), (-1.0, 0.3333)])
 def test_a_window_is_integrated_to_its_own_ends(
     integrator: ffr.Integrator, window: tuple[float, float]
 ) -> None:
@@ -351,7 +334,7 @@ def test_frequencies_of_a_beam() -> None:
     length, speed = 0.4, np.sqrt(2.1e11 / 7850.0) * 0.01 / np.sqrt(12.0)
     size = {"height": 0.01, "elements": 10, "modes": 25}
     clamped, floating = (beam(length, frame=frame, **size) for frame in ("tangent", "free"))
-    for found, root in (
+    for computed, root in (
         (frequency(clamped), 1.87510406871196),
         (frequency(clamped, 2), 4.69409113297417),
         (frequency(floating), 4.73004074486270),
@@ -359,7 +342,7 @@ def test_frequencies_of_a_beam() -> None:
         (frequency(clamped, pinned=["right"]), 3.92660231204792),
         (frequency(clamped, point_masses=True), tip_root(0.3 / clamped.mass)),
     ):
-        assert found == pytest.approx((root / length) ** 2 * speed / (2 * np.pi), rel=1e-4)
+        assert computed == pytest.approx((root / length) ** 2 * speed / (2 * np.pi), rel=1e-4)
     tangent, chord = (beam(frame=frame, elements=3, modes=9) for frame in ("tangent", "chord"))
     for number in range(1, 6):
         expected = pytest.approx(frequency(chord, number, free=True), rel=1e-9)
@@ -418,11 +401,6 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
     [
         (ffr.IntegralCompliance(["rod"]), UNKNOWN_BODY),
         (ffr.IntegralCompliance(weights={"rod": 1.0}), UNKNOWN_BODY),
-        (ffr.PeakCompliance(["rod"]), UNKNOWN_BODY),
-        (ffr.PathTracking("rod", "tip", (0.0, 0.0)), UNKNOWN_BODY),
-        (ffr.MarkerAcceleration("rod", "tip"), UNKNOWN_BODY),
-        (ffr.Mass("rod"), UNKNOWN_BODY),
-        (ffr.Frequency("rod"), UNKNOWN_BODY),
         (ffr.Mass("crank") + 2.0 * ffr.Mass("rod"), UNKNOWN_BODY),
         (
             ffr.MarkerAcceleration("rocker", "tip"),
@@ -438,8 +416,8 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
             ffr.Frequency("rocker", number=2, cluster=2),
             "2 elastic coordinates, too few for .* 2 to 3",
         ),
-        (ffr.Frequency("crank"), "'crank' is rigid, and has none"),
-        (ffr.Frequency("rocker", point_masses=True), "does not say what point masses there are"),
+        (ffr.Frequency("crank"), "'crank' is rigid and has no frequency"),
+        (ffr.Frequency("rocker", point_masses=True), "does not contain the point masses"),
         (ffr.Frequency("rocker", pinned=["tip"]), "marker 'tip', but the markers of body 'rocker'"),
         (ffr.Frequency("rocker", pinned=["middle", "right"]), "besides those that its pins hold"),
         (
@@ -476,14 +454,11 @@ def test_refused_with_the_names_that_exist(
     ("make", "message"),
     [
         (lambda: ffr.PeakCompliance(weights={"rod": -1.0}), "'rod' must not be negative"),
-        (lambda: ffr.IntegralCompliance(weights={"rod": -1.0}), "'rod' must not be negative"),
         (lambda: ffr.JointForce("pin", power=1.0), "with a power of 1 the mean has a kink"),
         (lambda: ffr.JointForce("pin", window=(1.0, 1.0)), "begin < end"),
-        (lambda: ffr.JointForce(("pin", "pin")), "one name or different ones"),
+        (lambda: ffr.JointForce(("pin", "pin")), "one joint, or different names"),
         (lambda: ffr.JointForce(("pin", "hub"), moment=True), "do not add up"),
-        (lambda: ffr.Frequency("rod", free=True, pinned=["left"]), "a free body is pinned nowhere"),
-        (lambda: DrivePower("pin", power=1.0), "with a power of 1 the mean has a kink"),
-        (lambda: DrivePower(("pin", "pin")), "one name or different ones"),
+        (lambda: ffr.Frequency("rod", free=True, pinned=["left"]), "either free or pinned"),
         (lambda: DriveWork("pin", recovered=1.5), "recovered must lie between -1 and 1"),
         (lambda: DriveWork("pin", rounding=0.0), "rounding must be positive"),
         (lambda: ffr.Constraint(ffr.Mass("rod")), "'Mass' needs either an upper or a lower bound"),

@@ -130,8 +130,8 @@ def test_stress_clear_of_interfaces_and_in_ranges(comm: MPI.Intracomm) -> None:
     assert np.all(kept.values[beside] == 0.0)
     np.testing.assert_array_equal(kept.values[~beside], every.values[~beside])
     for clear in (0.0, 0.1, 0.19):
-        told = ffr.worst_stress(body, evaluation, "rod", clear=clear, **settings).largest
-        assert replace(peak, clear=clear).largest(response) == pytest.approx(told, rel=1e-12)
+        reported = ffr.worst_stress(body, evaluation, "rod", clear=clear, **settings).largest
+        assert replace(peak, clear=clear).largest(response) == pytest.approx(reported, rel=1e-12)
     assert replace(peak, clear=0.21).evaluate(response) == 0.0
     ranges = peak.parts(response)
     values = [part.evaluate(response) for part in ranges]
@@ -183,7 +183,7 @@ def test_blocks_ranks_units_and_large_powers(
 
     Nor do millimetres and grams, in which the pascal is the same.
     """
-    objective, found = ffr.PeakStress("rod", power), []
+    objective, computed = ffr.PeakStress("rod", power), []
     for group, unit, tile in ((comm, 1.0, None), (comm, 1e-3, None), (MPI.COMM_SELF, 1.0, 7)):
         if tile:
             monkeypatch.setattr(stress_mean, "POINTS", tile)
@@ -192,15 +192,15 @@ def test_blocks_ranks_units_and_large_powers(
         gradient = problem.gradient(x).gradient
         assert gradient is not None
         slope = problem.flexible["rod"].domain.sum(gradient["rod"] * direction)
-        found.append((problem.value(x).psi, slope))
-    assert np.all(np.isfinite(found)) and found[0][0] > 1e5
-    np.testing.assert_allclose(found, [found[0]] * 3, rtol=1e-7)
+        computed.append((problem.value(x).psi, slope))
+    assert np.all(np.isfinite(computed)) and computed[0][0] > 1e5
+    np.testing.assert_allclose(computed, [computed[0]] * 3, rtol=1e-7)
 
 
 @pytest.mark.mpi
 def test_instants_that_tell_of_others(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of short steps few instants are gone through; all numbers are the same, cell by cell."""
-    objective, found = ffr.PeakStress("rod"), []
+    objective, computed = ffr.PeakStress("rod"), []
     given = reference_problem(comm, (20, 4), steps=2000, modes=2)
     problem = ffr.Problem(given.bodies, given.mechanism, given.integrator, objective)
     for smooth in (stress_mean.SMOOTH, -1.0):
@@ -210,29 +210,13 @@ def test_instants_that_tell_of_others(comm: MPI.Intracomm, monkeypatch: pytest.M
         spans = objective._mean(response).spans
         thinned = [len(each.shares) / (each.instants.stop - each.instants.start) for each in spans]
         assert np.mean(thinned) < 0.6 if smooth > 0.0 else thinned == [1.0] * len(thinned)
-        found.append((evaluation.psi, objective.largest(response), evaluation.gradient["rod"]))  # type: ignore[index]
-    (*of_few, slopes_of_few), (*of_all, slopes) = found
+        computed.append((evaluation.psi, objective.largest(response), evaluation.gradient["rod"]))  # type: ignore[index]
+    (*of_few, slopes_of_few), (*of_all, slopes) = computed
     assert of_few == pytest.approx(of_all, rel=1e-11)
     assert np.sum(np.abs(slopes_of_few - slopes)) <= 1e-10 * np.sum(np.abs(slopes))
 
 
-@pytest.mark.parametrize("instants", [1, 4096, 4097, 4230, 9000])
-def test_the_mean_of_many_instants(instants: int) -> None:
-    """Of any number of them it is the sum over all."""
-    rng = np.random.default_rng(0)
-    modes, areas = rng.normal(size=(3, 7, 2)), rng.uniform(0.1, 1.0, 7)
-    times = np.full(instants, 1.0 / instants)
-    turn = np.linspace(0.0, 40.0 * math.pi, instants)
-    coordinates = np.column_stack([np.cos(turn), np.sin(3.0 * turn) ** 3])
-    mean = stress_mean.Stresses(modes, coordinates, areas, times).mean(8.0, lambda own: [own])
-    squares = np.sum(np.einsum("ipn,tn->itp", modes, coordinates) ** 2, axis=0)
-    exact = float(times @ squares**4 @ areas) ** (1 / 8)
-    assert mean.value == pytest.approx(exact, rel=1e-9)
-    assert mean.largest == pytest.approx(np.max(squares), rel=1e-12)
-
-
 PLAIN = ffr.PeakStress("rod", correction=False)
-PLAIN_9 = ffr.PeakStress("rod", 9.0, 0.0, False)
 
 
 @pytest.mark.parametrize(
@@ -241,9 +225,7 @@ PLAIN_9 = ffr.PeakStress("rod", 9.0, 0.0, False)
         *(
             pytest.param(*case, marks=pytest.mark.slow)
             for case in (
-                ("quadrilateral", 1, ffr.PlaneStrain, ADAPTIVE, PLAIN_9),
                 ("quadrilateral", 2, ffr.PlaneStrain, FIXED, ffr.PeakStress("rod", 12.0, 0.3)),
-                ("triangle", 2, ffr.PlaneStrain, ADAPTIVE, PLAIN),
                 ("triangle", 3, ffr.PlaneStress, FIXED, PLAIN),
             )
         ),
@@ -285,10 +267,10 @@ def test_exact_gradient(
     bound = evaluation.constraints["bound"]
     assert bound.gradient is not None and bound.derivatives is not None
     assert not bound.derivatives.stresses
-    found, exact = (
+    computed, exact = (
         body.domain.sum(each.gradient["rod"] * direction) for each in (bound, evaluation)
     )
-    assert found == pytest.approx(exact / 1e6, rel=1e-7)
+    assert computed == pytest.approx(exact / 1e6, rel=1e-7)
 
 
 @pytest.mark.parametrize("correction", [True, False], ids=["corrected", "plain"])
@@ -330,14 +312,16 @@ def test_calibrated_at_a_design(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyP
     largest, volume = peak.largest(response), ffr.Volume("rod").evaluate(response)
     with monkeypatch.context() as known:  # no mean over points and instants is taken twice
         known.delattr(stress_mean.Stresses, "mean")
-        calibrated, told = problem.calibrated(evaluation)
-        calibrated.differentiate(told)
+        calibrated, reported = problem.calibrated(evaluation)
+        calibrated.differentiate(reported)
     assert response.cache and not replace(response, bodies=response.bodies).cache
     again = calibrated.value(x)
-    for found in (told, again):
-        assert found.psi == pytest.approx(2.0 * largest + volume, rel=1e-7)
-        assert found.constraints["stress"].value == pytest.approx(largest, rel=1e-7)
-        assert found.constraints["stress"].violation == pytest.approx(largest / 1e6 - 1.0, rel=1e-7)
+    for computed in (reported, again):
+        assert computed.psi == pytest.approx(2.0 * largest + volume, rel=1e-7)
+        assert computed.constraints["stress"].value == pytest.approx(largest, rel=1e-7)
+        assert computed.constraints["stress"].violation == pytest.approx(
+            largest / 1e6 - 1.0, rel=1e-7
+        )
     # once more changes nothing, and near to the design the ratio hardly changes
     twice = calibrated.calibrated(again)[0].constraints[0].objective
     assert isinstance(twice, ffr.PeakStress)
@@ -417,9 +401,9 @@ def test_stress_follows_the_modes_left_out(comm: MPI.Intracomm) -> None:
         for correction in (False, True)
     )
     errors = [
-        comm.allreduce(np.max(np.abs(found.stress - exact.stress), initial=0.0), MPI.MAX)
+        comm.allreduce(np.max(np.abs(computed.stress - exact.stress), initial=0.0), MPI.MAX)
         / exact.largest
-        for found in (plain, corrected)
+        for computed in (plain, corrected)
     ]
     assert errors[1] < 2e-3 and errors[1] < 0.05 * errors[0]
     check_gradient(problem, {"arm": x}, step=1e-4)

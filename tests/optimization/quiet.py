@@ -19,7 +19,7 @@ def quiet(problem: Any, design: Any, start: Any = None, **options: Any) -> ffr.R
     with warnings.catch_warnings():
         for expected in (ffr.SofteningWarning, ffr.LargeDeformationWarning):
             warnings.simplefilter("ignore", expected)
-        warnings.filterwarnings("ignore", ".*is not that of a part", ffr.DesignWarning)
+        warnings.filterwarnings("ignore", ".*loose pieces of", ffr.DesignWarning)
         usual = {"progress": False, "mode_tolerance": None, "boundary": 0}
         return ffr.optimize(problem, design, start, **{**usual, **options})
 

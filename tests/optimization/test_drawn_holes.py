@@ -81,8 +81,8 @@ def test_drawn_holes_of_a_level_set(scene: Any, holes: int, boundary: int) -> No
     assert len(domain.holes) == holes
     member = MEMBER if scene is plate else 4e-3
     design = ffr.LevelSet(domain, minimum_member=member)
-    how: dict[str, Any] = {"volume": 0.7, "iterations": 4, "progress": False}
-    result = ffr.optimize(problem, design, boundary=boundary, mode_tolerance=None, **how)
+    options: dict[str, Any] = {"volume": 0.7, "iterations": 4, "progress": False}
+    result = ffr.optimize(problem, design, boundary=boundary, mode_tolerance=None, **options)
     assert bool(result.moved) == bool(boundary)
     part = result.part()
     assert part.holes >= holes
@@ -93,8 +93,8 @@ def test_drawn_holes_of_a_level_set(scene: Any, holes: int, boundary: int) -> No
 def test_drawn_holes_of_densities() -> None:
     domain, problem = plate()
     design = ffr.DensityDesign(domain, hole_rim=MEMBER)
-    how: dict[str, Any] = {"volume": 0.6, "iterations": 3, "progress": False}
-    result = ffr.optimize(problem, design, boundary=0, mode_tolerance=None, **how)
+    options: dict[str, Any] = {"volume": 0.6, "iterations": 3, "progress": False}
+    result = ffr.optimize(problem, design, boundary=0, mode_tolerance=None, **options)
     assert faults(result.part(), MEMBER, MEMBER) == []
 
 
@@ -105,9 +105,9 @@ def test_a_hole_without_a_rim_is_a_violation() -> None:
     design.hole_rim = MEMBER
     cells = domain.everywhere(domain.centroids)[domain.everywhere(domain.design_cells)]
     start = np.where(np.hypot(cells[:, 0] - 0.06, cells[:, 1] + 0.024) < 0.01, 0.0, 1.0)
-    how: dict[str, Any] = {"volume": 1.0, "iterations": 1, "progress": False, "start": start}
+    options: dict[str, Any] = {"volume": 1.0, "iterations": 1, "progress": False, "start": start}
     with pytest.warns(ffr.DesignWarning, match=r"the rim of the hole near \(60, -10\) mm is"):
-        result = ffr.optimize(problem, design, boundary=0, mode_tolerance=None, **how)
+        result = ffr.optimize(problem, design, boundary=0, mode_tolerance=None, **options)
     assert result.violations["rod: rim of the hole near (60, -10) mm"] > 0.1
     assert not result.feasible and result.reason == "infeasible"
 
@@ -133,6 +133,6 @@ def test_a_slot_of_a_body_in_space(tmp_path: Path, kind: str) -> None:
     design: Any = ffr.DensityDesign(domain, hole_rim=rim)
     if kind == "level set":
         design = ffr.LevelSet(domain, minimum_member=rim)
-    how: dict[str, Any] = {"volume": 0.7, "iterations": 3, "progress": False}
-    result = ffr.optimize(problem, design, boundary=0, mode_tolerance=None, **how)
+    options: dict[str, Any] = {"volume": 0.7, "iterations": 3, "progress": False}
+    result = ffr.optimize(problem, design, boundary=0, mode_tolerance=None, **options)
     assert faults(result.part(), rim, rim) == []

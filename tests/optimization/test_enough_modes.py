@@ -25,14 +25,14 @@ def test_modes_are_added_until_psi_stands(comm: MPI.Intracomm) -> None:
     problem = slider_crank(comm, (40, 8), modes=1, steps=200)
     x = {"rod": frame(problem.flexible["rod"].domain)}
     few = problem.value(x)
-    more, found, errors = with_enough_modes(problem, x, few, 2e-3, {"rod": 1})
+    more, result, errors = with_enough_modes(problem, x, few, 2e-3, {"rod": 1})
     assert more.flexible["rod"].modes > 1 and problem.flexible["rod"].modes == 1
     assert 0.0 <= errors["rod"] <= 2e-3
     exact = problem.with_modes({"rod": 24}).value(x).psi
-    assert abs(found.psi / exact - 1.0) < 4e-3 < abs(few.psi / exact - 1.0)
+    assert abs(result.psi / exact - 1.0) < 4e-3 < abs(few.psi / exact - 1.0)
     # and stay where they are enough
-    same, again, _ = with_enough_modes(more, x, found, 2e-3, {"rod": 1})
-    assert same is more and again is found
+    same, again, _ = with_enough_modes(more, x, result, 2e-3, {"rod": 1})
+    assert same is more and again is result
 
 
 def test_modes_that_are_never_enough_are_said() -> None:

@@ -16,18 +16,18 @@ import dolfinx_ffr as ffr
 
 def reached(case: str, **options: Any) -> dict[str, Any]:
     """A result relative to its optimum, which is feasible."""
-    found: dict[str, Any] = getattr(known, case)(MPI.COMM_SELF, lambda share: None, **options)
-    assert found["excess"] <= 1e-8
-    return found
+    result: dict[str, Any] = getattr(known, case)(MPI.COMM_SELF, lambda share: None, **options)
+    assert result["excess"] <= 1e-8
+    return result
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "ratio"), [("pulled_bar", 0.05), ("spinning_bar", 0.25)])
 def test_bars_whose_areas_are_load_and_strength(case: str, ratio: float) -> None:
     """Of areas that are designed for frozen loads the best is up to twice as soft."""
-    found = reached(case, ratio=ratio)
-    assert found["ours"] == pytest.approx(1.0, abs=2e-3)  # modes left out: 1e-3 at 24 of them
-    assert found["frozen"] > 1.02 * found["ours"]
+    result = reached(case, ratio=ratio)
+    assert result["ours"] == pytest.approx(1.0, abs=2e-3)  # modes left out: 1e-3 at 24 of them
+    assert result["frozen"] > 1.02 * result["ours"]
 
 
 def test_the_spinning_bar_is_the_published_one() -> None:
@@ -75,10 +75,10 @@ def test_outlines_and_motions(case: str, options: dict[str, Any], least: float) 
 @pytest.mark.parametrize(("by", "left"), [("counterweights", 2e-5), ("springs", 1e-10)])
 def test_a_four_bar_that_is_balanced(by: str, left: float) -> None:
     """Left are errors of the time steps, of third order, and the inertia of a turn in a day."""
-    found = reached("four_bar", by=by)
-    assert found["ours"] < left and found["exact60"] < left
+    result = reached("four_bar", by=by)
+    assert result["ours"] < left and result["exact60"] < left
     if by == "counterweights":
-        assert found["exact240"] < found["exact60"] / 60.0
+        assert result["exact240"] < result["exact60"] / 60.0
 
 
 def test_the_value_of_other_codes() -> None:

@@ -31,13 +31,13 @@ def run(problem: ffr.Problem, kind: Any = ffr.DensityDesign, **options: Any) -> 
 @pytest.mark.slow
 def test_the_worst_case_is_least_where_it_is_minimised(comm: MPI.Intracomm) -> None:
     """And keeps several load cases at the same value."""
-    found = []
+    computed = []
     for combine in (ffr.WeightedSum(WEIGHTS), ffr.WorstCase(WEIGHTS)):
         problem = three_load_cases(comm, combine, constraints=False, modes=3, steps=300)
         result = run(problem, iterations=40)
         values = {name: m.psi for name, m in result.evaluation.load_cases.items()}
         assert result.psi == combine.value(values)
-        found.append({name: WEIGHTS[name] * psi for name, psi in values.items()})
+        computed.append({name: WEIGHTS[name] * psi for name, psi in values.items()})
         history = result.history
         columns = {name: history[f"psi of {name}"] for name in WEIGHTS}
         assert all(column[-1] < column[0] for column in columns.values())
@@ -45,7 +45,7 @@ def test_the_worst_case_is_least_where_it_is_minimised(comm: MPI.Intracomm) -> N
         combined = [combine.value({n: c[k] for n, c in columns.items()}) for k in rows]
         # the sum of floats is rounded otherwise from one release of Python to another
         np.testing.assert_allclose(combined, history["psi"], rtol=1e-14)
-    total, worst = found
+    total, worst = computed
     assert max(worst.values()) < max(total.values())
     assert sum(total.values()) < sum(worst.values())
     largest = sorted(worst.values())
@@ -74,15 +74,17 @@ def test_constraints_of_each_load_case_hold(comm: MPI.Intracomm) -> None:
 @pytest.mark.mpi
 def test_resumed_runs(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     problem = three_load_cases(comm, ffr.WorstCase(WEIGHTS), (20, 4), modes=3, steps=200)
-    whole = run(problem, iterations=4)
+    uninterrupted = run(problem, iterations=4)
     options: dict[str, Any] = {"output": shared_tmp_path}
     first = run(problem, **options, iterations=2)
     options["iterations"] = 4
     rest = run(problem, **options, resume=True)
     for name in ("psi", "psi of slow", "psi of lever", "volume", "accepted", "merit"):
         assert np.array_equal(rest.history[name][:3], first.history[name]), name
-        size = np.abs(whole.history[name]).max()
-        assert rest.history[name] == pytest.approx(whole.history[name], abs=1e-6 * size), name
+        size = np.abs(uninterrupted.history[name]).max()
+        assert rest.history[name] == pytest.approx(uninterrupted.history[name], abs=1e-6 * size), (
+            name
+        )
     other = ffr.Problem.of_load_cases(problem.bodies, problem.load_cases, ffr.WeightedSum(WEIGHTS))
     with pytest.raises(ffr.CheckpointError, match="of another problem: it differs in 'load_cases'"):
         run(other, **options, resume=True)
@@ -122,7 +124,7 @@ def test_a_trial_is_taken_back_where_one_load_case_of_it_fails(comm: MPI.Intraco
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:no part comes of the design")  # it is torn after few steps
+@pytest.mark.filterwarnings("ignore:no part can be made of the design")  # it is torn
 def test_explicit_steps_take_a_smooth_number(comm: MPI.Intracomm) -> None:
     evolution = ffr.LevelSetEvolution()
     problem = three_load_cases(comm, ffr.PowerMean(WEIGHTS), constraints=False)

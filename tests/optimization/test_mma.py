@@ -134,8 +134,8 @@ def test_constraints_out_of_reach_are_named(comm: MPI.Intracomm, shared_tmp_path
     loop.record(start)
     bound = 0.5 * evaluation.volume["plate"]
     with pytest.warns(ffr.DesignWarning, match=r"violates 'volume of plate' by 100\.000% of the"):
-        found = (result.designs, result.variables, evaluation)
-        above = loop.result(*found, "iterations", {"plate": bound})
+        computed = (result.designs, result.variables, evaluation)
+        above = loop.result(*computed, "iterations", {"plate": bound})
     assert above.reason == "infeasible" and above.violations == {"volume of plate": 1.0}
 
 
@@ -188,23 +188,6 @@ def test_constraints_of_the_problem(comm: MPI.Intracomm) -> None:
         run(problem, ffr.LevelSet(design.domain), optimizer=ffr.LevelSetEvolution())
 
 
-@pytest.mark.parametrize(
-    "constraint",
-    [
-        {"objective": ffr.Frequency("rod"), "lower": 1e6},
-        {"objective": ffr.Mass("rod"), "upper": 1e-6},
-        {"objective": ffr.PeakStress("rod"), "upper": 1e3},
-    ],
-    ids=["frequency", "mass", "stress"],
-)
-def test_bounds_of_the_rod_out_of_reach(constraint: dict[str, Any]) -> None:
-    """No rod of this size vibrates at 1 MHz, weighs a milligram or bears a kilopascal."""
-    problem, design = rod(MPI.COMM_SELF, **constraint)
-    with pytest.warns(ffr.DesignWarning, match="violates 'bound' by"):
-        result = run(problem, design, iterations=2, volume=1.0)
-    assert (result.reason, list(result.violations)) == ("infeasible", ["bound"])
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*violates 'stress'.*after (6|12):dolfinx_ffr.DesignWarning")
 def test_stress_limit(tmp_path: Path) -> None:
@@ -226,12 +209,12 @@ def test_stress_limit(tmp_path: Path) -> None:
     worst = ffr.worst_stress(body, result.evaluation, "rod", relaxation=0.5, void=0.0)
     assert result.evaluation.constraints["stress"].value == pytest.approx(worst.largest, rel=1e-9)
     # the scale is that of the design at hand: the way is the same however often it is resumed
-    whole = run(problem, design, start, iterations=12, **{**options, "output": None})
-    np.testing.assert_allclose(whole.history["psi"], result.history["psi"][:13], rtol=1e-5)
+    uninterrupted = run(problem, design, start, iterations=12, **{**options, "output": None})
+    np.testing.assert_allclose(uninterrupted.history["psi"], result.history["psi"][:13], rtol=1e-5)
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:no part comes of the design")
+@pytest.mark.filterwarnings("ignore:no part can be made of the design")
 def test_a_step_held_for_a_constraint_may_raise_the_merit() -> None:
     """Sharpening broke the stress limit: the way back costs material, until nothing sharpens."""
     problem, design = rod(MPI.COMM_SELF)

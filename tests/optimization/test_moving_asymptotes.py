@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 
 from dolfinx_ffr.optimization.moving_asymptotes import Asymptotes, Secants, _Subproblem
+from dolfinx_ffr.verification import convergence_order
 
 #: Values f_0 ... f_m and their gradients, shape (1 + m, n)
 Functions = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -21,17 +22,6 @@ def cantilever(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     c = np.array([61.0, 37.0, 19.0, 7.0, 1.0])
     values = [0.0624 * x.sum(), np.sum(c / x**3) - 1.0]
     return np.array(values), np.array([np.full(5, 0.0624), -3.0 * c / x**4])
-
-
-def two_bars(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weight of two bars, by area and half their span, and their stresses (Svanberg 1987, 5.2)."""
-    a, s = x
-    root, signs = math.sqrt(1.0 + s * s), np.array([1.0, -1.0])  # tension, compression
-    stress = (8.0 + signs / s) / a
-    by_span = s / root * stress - signs * root / (a * s * s)
-    values = [a * root, *(0.124 * root * stress - 1.0)]
-    slopes = [[root, a * s / root], *np.column_stack([-root * stress / a, by_span]) * 0.124]
-    return np.array(values), np.array(slopes)
 
 
 def spheres(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -65,20 +55,11 @@ def test_cantilever_of_five_boxes() -> None:
     assert multipliers == pytest.approx([values[0] / 3.0], rel=1e-3)
 
 
-def test_two_bars() -> None:
-    x, multipliers = run(two_bars, [1.5, 0.5], 0.1, 4.0, 40, move=0.2)
-    assert x == pytest.approx([1.41, 0.38], abs=5e-3)
-    values = two_bars(x)[0]
-    assert values[0] == pytest.approx(1.51, abs=2e-3)
-    assert values[1] == pytest.approx(0.0, abs=1e-5)
-    assert multipliers[0] > 0.1 and multipliers[1] == 0.0 and values[2] < 0.0
-
-
 def test_several_active_constraints_beside_another_method() -> None:
     """SLSQP finds the same, and the multipliers fulfil the conditions of Karush and others."""
     start = [4.0, 3.0, 2.0]
     x, multipliers = run(spheres, start, 0.0, 5.0, 60, move=0.3)
-    found = minimize(
+    result = minimize(
         lambda y: spheres(y)[0][0],
         start,
         method="SLSQP",
@@ -86,7 +67,7 @@ def test_several_active_constraints_beside_another_method() -> None:
         constraints=[{"type": "ineq", "fun": lambda y: -spheres(y)[0][1:]}],
         options={"ftol": 1e-14},
     )
-    assert x == pytest.approx(found.x, abs=1e-4)
+    assert x == pytest.approx(result.x, abs=1e-4)
     values, slopes = spheres(x)
     assert values[1:] == pytest.approx([0.0, 0.0], abs=1e-4)
     assert np.all(multipliers > 0.1)
@@ -204,6 +185,20 @@ def test_secants_are_the_second_derivatives_of_separable_functions() -> None:
     linear = secants.gradients + np.array([[0.0, 1.0, 0.0]])
     assert secants.next(third, linear).curvature == pytest.approx(np.array([[1.25, 2.0, 2.75]]))
     assert secants.next(second, linear) is secants  # a step was taken back
+
+
+def test_steps_with_second_derivatives_are_those_of_newton() -> None:
+    """Of a separable quadratic function a step leaves the cube of its length."""
+    minimum, curvature = np.array([0.5, 0.4, 0.6]), np.array([2.0, 3.0, 4.0])
+    distances, errors = np.array([0.08, 0.04, 0.02]), []
+    for distance in distances:
+        x = minimum + distance * np.array([1.0, -1.0, 0.5])
+        slope, earlier = curvature * (x - minimum), curvature * (x + 0.01 - minimum)
+        secants = Secants.begin(x + 0.01, earlier[None]).next(x, slope[None])
+        state = replace(Asymptotes(np.zeros(3), np.ones(3), x, 1.0), secants=secants)
+        after, _ = state.step(slope, np.zeros(0), np.zeros((0, 3)))
+        errors.append(np.max(np.abs(after.x - minimum)))
+    assert convergence_order(distances, errors) == pytest.approx(3.0, abs=0.1)
 
 
 def test_what_can_still_be_gained_is_nothing_at_the_optimum() -> None:

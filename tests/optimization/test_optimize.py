@@ -21,7 +21,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-import shapely
 from optimization.quiet import check_alike, quiet
 from shared import processes
 from shared.problems import Copy, slider_crank
@@ -30,7 +29,6 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr import io
 from dolfinx_ffr.optimization.loop import COLUMNS, GRADIENT_COLUMNS
 from dolfinx_ffr.optimization.moved_parts import with_checked_parts
-from dolfinx_ffr.optimization.signed_log import SignedLog
 
 
 def disc(c: np.ndarray) -> np.ndarray:
@@ -66,9 +64,9 @@ BOTH = pytest.mark.parametrize("optimizer", [STEPS, ffr.MMA()], ids=["steps", "M
 
 def test_a_known_shape_is_found(comm: MPI.Intracomm) -> None:
     """Eight small holes merge into the one that is wanted; the volume bound is not in the way."""
-    parts = copy(comm)
-    problem = parts[0]
-    result = run(parts, volume=1.0, iterations=60, optimizer=STEPS)
+    setup = copy(comm)
+    problem = setup[0]
+    result = run(setup, volume=1.0, iterations=60, optimizer=STEPS)
     assert result.history["sharpness"][-1] == 56.0
     assert result.psi - 1.0 < 0.02 * (result.history["psi"][0] - 1.0) + 0.006
     differs = np.abs(result.x - problem.target) > 0.5
@@ -96,9 +94,9 @@ def test_ranks_agree(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.slow
 def test_psi_falls_in_every_stage(comm: MPI.Intracomm) -> None:
-    parts = scene(comm)
-    result = run(parts, iterations=12, optimizer=STEPS)
-    history, levelset = result.history, parts[1]
+    setup = scene(comm)
+    result = run(setup, iterations=12, optimizer=STEPS)
+    history, levelset = result.history, setup[1]
     same_stage = np.diff(history["sharpness"]) == 0.0
     kept = history["accepted"] == 1.0
     falls = np.diff(history["psi"])
@@ -111,13 +109,13 @@ def test_psi_falls_in_every_stage(comm: MPI.Intracomm) -> None:
     assert result.iterations == 12
     last = levelset.with_sharpness(history["sharpness"][-1])
     analysed = last.eroded.density(result.coefficients)
-    value = parts[0].value(analysed)
+    value = setup[0].value(analysed)
     assert value.psi == pytest.approx(history["psi"][-1], rel=1e-9)
     assert value.volume["rod"] == pytest.approx(history["volume"][-1], rel=1e-12)
     assert ffr.gray_fraction(levelset.domain, analysed) == history["gray"][-1]
     assert np.array_equal(result.x, last.density(result.coefficients))
     assert np.array_equal(result.x, result.designs["rod"].density(result.coefficients))
-    assert result.psi < parts[0].value(result.x).psi
+    assert result.psi < setup[0].value(result.x).psi
     assert result.evaluation.volume["rod"] > value.volume["rod"]
 
 
@@ -154,9 +152,9 @@ def test_the_start_is_even_where_none_is_given(comm: MPI.Intracomm) -> None:
     for design in (ffr.LevelSet, ffr.DensityDesign):
         problem = Copy(comm, disc)
         part = design(problem.domain)
-        found = run((problem, part))
+        result = run((problem, part))
         given = run((problem, part, part.even()))
-        assert np.array_equal(found.variables["plate"], given.variables["plate"])
+        assert np.array_equal(result.variables["plate"], given.variables["plate"])
 
 
 def test_gray_fraction_counts_areas() -> None:
@@ -182,10 +180,10 @@ def test_one_level_set_serves_two_optimisations(comm: MPI.Intracomm, optimizer: 
     result = run((problem, first, start), optimizer=optimizer, callback=other)
     alone = run((problem, second, start), optimizer=optimizer)
     assert np.array_equal(first.density(start), before)
-    for found, expected in ((result, alone), inner):
-        assert np.array_equal(found.coefficients, expected.coefficients)
-        assert np.array_equal(found.x, expected.x)
-        assert np.array_equal(found.history["psi"], expected.history["psi"])
+    for computed, expected in ((result, alone), inner):
+        assert np.array_equal(computed.coefficients, expected.coefficients)
+        assert np.array_equal(computed.x, expected.x)
+        assert np.array_equal(computed.history["psi"], expected.history["psi"])
 
 
 @pytest.mark.parametrize("first", ["exact", "approximate"])
@@ -195,10 +193,10 @@ def test_columns_of_approximations(comm: MPI.Intracomm, shared_tmp_path: Path, f
     approximate = ffr.paper.ApproximateGradient(elements, kernel)
     kinds = {"exact": ffr.ExactAdjoint(), "approximate": approximate}
     second = next(name for name in kinds if name != first)
-    parts, folder = scene(comm), {"output": shared_tmp_path}
-    begun = run(parts, **folder, iterations=1, gradient=kinds[first])
+    setup, folder = scene(comm), {"output": shared_tmp_path}
+    begun = run(setup, **folder, iterations=1, gradient=kinds[first])
     assert list(begun.history) == COLUMNS + (GRADIENT_COLUMNS if first == "approximate" else [])
-    result = run(parts, **folder, iterations=2, resume=True, gradient=kinds[second])
+    result = run(setup, **folder, iterations=2, resume=True, gradient=kinds[second])
     assert set(result.history) == {*COLUMNS, *GRADIENT_COLUMNS}
     estimate = result.history["gradient_estimate"]
     if first == "exact":
@@ -206,8 +204,8 @@ def test_columns_of_approximations(comm: MPI.Intracomm, shared_tmp_path: Path, f
     else:
         assert np.all(estimate[:2] > 0.0)
     comm.Barrier()
-    found = ffr.read_history(shared_tmp_path / "history.csv")
-    np.testing.assert_array_equal(found["gradient_estimate"], estimate)
+    computed = ffr.read_history(shared_tmp_path / "history.csv")
+    np.testing.assert_array_equal(computed["gradient_estimate"], estimate)
 
 
 @pytest.mark.mpi
@@ -220,10 +218,10 @@ def test_history_is_on_the_disk_at_once(comm: MPI.Intracomm, shared_tmp_path: Pa
     result = run(copy(comm), output=shared_tmp_path, callback=look, iterations=4)
     assert lengths == [1, 1, 1, 1]
     comm.Barrier()
-    found = ffr.read_history(shared_tmp_path / "history.csv")
-    assert list(found) == COLUMNS
+    computed = ffr.read_history(shared_tmp_path / "history.csv")
+    assert list(computed) == COLUMNS
     for name in COLUMNS:
-        np.testing.assert_array_equal(found[name], result.history[name], name)
+        np.testing.assert_array_equal(computed[name], result.history[name], name)
     assert sorted(p.name for p in shared_tmp_path.iterdir()) == ["checkpoint", "history.csv"]
 
 
@@ -262,8 +260,8 @@ def test_interrupted_and_resumed_is_as_if_uninterrupted(
     What follows agrees to the accuracy of the solvers, whose iterations begin where the last ended,
     and of MMA, which magnifies it.
     """
-    parts = scene(comm)
-    whole = run(parts, iterations=5, optimizer=optimizer)
+    setup = scene(comm)
+    uninterrupted = run(setup, iterations=5, optimizer=optimizer)
 
     def interrupt(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
         if iteration == 3 and comm.rank == comm.size - 1:
@@ -271,26 +269,26 @@ def test_interrupted_and_resumed_is_as_if_uninterrupted(
 
     before = signal.getsignal(number)
     options = {"iterations": 5, "optimizer": optimizer, "output": shared_tmp_path}
-    first = run(parts, **options, callback=interrupt)
+    first = run(setup, **options, callback=interrupt)
     assert signal.getsignal(number) == before
     assert (first.reason, first.iterations) == ("interrupted", 3)
     assert len(ffr.read_history(shared_tmp_path / "history.csv")["psi"]) == 4
     # on several ranks MUMPS adds up in an order that changes from run to run
     near = 1e-12 if comm.size == 1 else 1e-9 if optimizer is STEPS else 1e-6
-    assert first.history["psi"][3] == pytest.approx(whole.history["psi"][3], rel=near)
+    assert first.history["psi"][3] == pytest.approx(uninterrupted.history["psi"][3], rel=near)
 
     # on the same mesh: another one may be distributed differently
-    levelset = ffr.LevelSet(parts[1].domain)
-    rest = run((parts[0], levelset, parts[2]), **options, resume=True)
-    assert (rest.reason, rest.iterations) == (whole.reason, whole.iterations)
+    levelset = ffr.LevelSet(setup[1].domain)
+    rest = run((setup[0], levelset, setup[2]), **options, resume=True)
+    assert (rest.reason, rest.iterations) == (uninterrupted.reason, uninterrupted.iterations)
     accuracy = 1e-9 if optimizer is STEPS else 1e-6
     for name in ("psi", "volume", "gray", "accepted", "step", "sharpness", "merit"):
         assert np.array_equal(rest.history[name][:4], first.history[name]), name
-        near = accuracy * np.abs(whole.history[name]).max()
-        assert rest.history[name] == pytest.approx(whole.history[name], abs=near), name
-    scale = np.max(np.abs(whole.coefficients))
-    assert rest.coefficients == pytest.approx(whole.coefficients, abs=accuracy * scale)
-    assert rest.x == pytest.approx(whole.x, abs=10.0 * accuracy)
+        near = accuracy * np.abs(uninterrupted.history[name]).max()
+        assert rest.history[name] == pytest.approx(uninterrupted.history[name], abs=near), name
+    scale = np.max(np.abs(uninterrupted.coefficients))
+    assert rest.coefficients == pytest.approx(uninterrupted.coefficients, abs=accuracy * scale)
+    assert rest.x == pytest.approx(uninterrupted.x, abs=10.0 * accuracy)
 
 
 @pytest.mark.mpi
@@ -300,14 +298,14 @@ def test_cells_distributed_otherwise(comm: MPI.Comm, shared_tmp_path: Path, opti
     first = run(scene(comm), output=shared_tmp_path, iterations=1, optimizer=optimizer)
     fewer = comm.Split(int(comm.rank > 0 or comm.size == 1))
     if comm.rank > 0 or comm.size == 1:
-        parts = scene(fewer)
-        domain = parts[1].domain
+        setup = scene(fewer)
+        domain = setup[1].domain
         # as any order of the sum may make it
         area = domain.area
         domain.__dict__["cell_volumes"] = domain.cell_volumes * (1.0 + 4.0 * np.finfo(float).eps)
         assert domain.area != area
-        parts = (parts[0], ffr.LevelSet(domain), parts[2])
-        more = run(parts, output=shared_tmp_path, iterations=2, resume=True, optimizer=optimizer)
+        setup = (setup[0], ffr.LevelSet(domain), setup[2])
+        more = run(setup, output=shared_tmp_path, iterations=2, resume=True, optimizer=optimizer)
         assert more.iterations == 2
         assert np.array_equal(more.history["psi"][:2], first.history["psi"])
     fewer.Free()
@@ -325,8 +323,6 @@ def test_resuming_without_a_checkpoint(comm: MPI.Intracomm, shared_tmp_path: Pat
 #: A run in pieces: what makes a step of it, and of those that go on, which keep what it began with
 CUT = {
     "steps of a given length": (ffr.LevelSetEvolution(stage_iterations=3), None),
-    "steps": (STEPS, None),
-    "MMA": (ffr.MMA(), None),
     "MMA of a given length": (ffr.MMA(length=12), ffr.MMA()),
     "MMA of another length": (ffr.MMA(length=12), ffr.MMA(length=99)),
 }
@@ -336,24 +332,24 @@ CUT = {
 @pytest.mark.parametrize("case", CUT)
 def test_a_run_that_is_cut_up(comm: MPI.Intracomm, shared_tmp_path: Path, case: str) -> None:
     """Neither with a given length, nor with what the first call has planned."""
-    parts, (given, later) = copy(comm), CUT[case]
+    setup, (given, later) = copy(comm), CUT[case]
 
     def through(iterations: list[int], folder: str) -> list[ffr.Result]:
         options = {"output": shared_tmp_path / folder}
-        found = [run(parts, iterations=iterations[0], **options, optimizer=given)]
+        result = [run(setup, iterations=iterations[0], **options, optimizer=given)]
         options |= {"optimizer": later or given, "resume": True}
-        return found + [run(parts, iterations=number, **options) for number in iterations[1:]]
+        return result + [run(setup, iterations=number, **options) for number in iterations[1:]]
 
-    first, whole = through([6, 12], "whole")
+    first, uninterrupted = through([6, 12], "whole")
     cut = through([6, 7, 10, 12], "cut")[-1]
     if later:  # the length alone decides
         assert first.designs["plate"].sharpness == pytest.approx(32.0**0.9)
-        whole = run(parts, iterations=12, optimizer=given)
-    assert len(np.unique(whole.history["sharpness"])) > 1
+        uninterrupted = run(setup, iterations=12, optimizer=given)
+    assert len(np.unique(uninterrupted.history["sharpness"])) > 1
     for column in ("psi", "volume", "gray", "accepted", "step", "sharpness", "merit"):
-        expected = whole.history[column]
+        expected = uninterrupted.history[column]
         np.testing.assert_allclose(cut.history[column], expected, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(cut.coefficients, whole.coefficients, atol=1e-9)
+    np.testing.assert_allclose(cut.coefficients, uninterrupted.coefficients, atol=1e-9)
 
 
 @pytest.mark.mpi
@@ -418,36 +414,32 @@ def test_a_torn_design_is_no_feasible_one(comm: MPI.Intracomm, kind: Any) -> Non
     assert begun.feasible  # it is gray, which is no part yet
     sharp, variables = {"rod": design.at(1.0)}, {"rod": np.zeros(design.size)}
     torn = replace(begun, designs=sharp, variables=variables)
-    said = (
-        "no part comes of the design of 'rod', so it is .* an objective that loads the interfaces"
+    message = (
+        "no part can be made of the design of 'rod', .* an objective that loads the interfaces"
     )
-    with pytest.warns(ffr.DesignWarning, match=said):
+    with pytest.warns(ffr.DesignWarning, match=message):
         result = with_checked_parts(torn)
     assert not result.feasible and result.reason == "infeasible"
     assert result.violations == {"part of rod": 1.0}
 
 
 @pytest.mark.parametrize(
-    ("error", "said"),
+    ("error", "message"),
     [
         (np.linalg.LinAlgError("Singular matrix"), "LinAlgError, .*: Singular matrix"),
-        (shapely.GEOSException("TopologyException"), "GEOSException, .*: TopologyException"),
-        (RuntimeError("the reduction fails"), "RuntimeError, .*: the reduction fails"),
         (KeyError("a bug"), "KeyError, mock.py, line [0-9]+: 'a bug'"),
         (ValueError("curves cross"), "curves cross"),
     ],
     ids=lambda value: type(value).__name__,
 )
 def test_densities_are_not_lost_where_steps_of_the_boundary_fail(
-    error: Exception, said: str
+    error: Exception, message: str
 ) -> None:
     """By whatever they fail: the result before them is returned, and the cause named."""
     problem, levelset, _ = scene(MPI.COMM_SELF)
     with (
         patch("dolfinx_ffr.optimization.moved_parts.moved", side_effect=error),
-        pytest.warns(
-            ffr.DesignWarning, match=f"the boundary stays as the mesh has drawn it.*{said}"
-        ),
+        pytest.warns(ffr.DesignWarning, match=f"the boundary was not moved.*{message}"),
     ):
         result = quiet(problem, levelset, volume=0.8, iterations=1, boundary=2)
     assert result.moved is None and result.psi == result.evaluation.psi > 0.0
@@ -474,7 +466,7 @@ def test_nothing_to_lower_is_said_before_the_run(weight: float) -> None:
         quiet(late, levelset, volume=0.8, iterations=3)
 
 
-@pytest.mark.parametrize("optimizer", [STEPS, ffr.MMA()], ids=["steps", "MMA"])
+@BOTH
 def test_an_objective_may_be_negative(optimizer: Any) -> None:
     """The largest first frequency of a rod whose ends are held rises from the even density's."""
     problem, levelset, _ = scene(MPI.COMM_SELF)
@@ -487,24 +479,10 @@ def test_an_objective_may_be_negative(optimizer: Any) -> None:
         assert result.history["merit"][-1] < result.history["merit"][0]
 
 
-def test_the_logarithm_of_any_sign() -> None:
-    """That of positive numbers, minus that of negative ones, and in between it rises."""
-    log = SignedLog.around(150.0)
-    for psi in (1.5, 150.0, 4e5):
-        assert log.value(psi) == pytest.approx(math.log(psi), abs=1e-6)
-        assert log.value(-2.0 * psi) - log.value(-psi) == pytest.approx(-math.log(2.0), abs=1e-6)
-        h = 1e-4 * psi
-        for sign in (1.0, -1.0):
-            ahead, behind = (log.value(sign * psi + side * h) for side in (1.0, -1.0))
-            assert log.slope(sign * psi) == pytest.approx((ahead - behind) / (2.0 * h), rel=1e-6)
-    every = [log.value(psi) for psi in np.linspace(-1e-3, 1e-3, 101)]
-    assert np.all(np.diff(every) > 0.0)
-
-
 @pytest.mark.mpi
 def test_damaged_checkpoints(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
-    parts, path = copy(comm), shared_tmp_path / "checkpoint"
-    run(parts, output=shared_tmp_path, iterations=1)
+    setup, path = copy(comm), shared_tmp_path / "checkpoint"
+    run(setup, output=shared_tmp_path, iterations=1)
     comm.Barrier()
     good = path.read_bytes()
     half = len(good) // 2
@@ -519,7 +497,7 @@ def test_damaged_checkpoints(comm: MPI.Intracomm, shared_tmp_path: Path) -> None
             path.write_bytes(damaged)
         comm.Barrier()
         with pytest.raises(ffr.CheckpointError, match=r"is damaged.*Delete it to start anew"):
-            run(parts, output=shared_tmp_path, resume=True)
+            run(setup, output=shared_tmp_path, resume=True)
 
 
 @pytest.mark.mpi
@@ -541,8 +519,8 @@ def test_checkpoints_of_other_problems(comm: MPI.Intracomm, shared_tmp_path: Pat
         if not changed and design is levelset:
             problem.target = 1.0 - problem.target
         with pytest.raises(ffr.CheckpointError, match=f"of another problem.*{name}"):
-            parts = (problem, design, design.with_holes(6, 1, 0.01))
-            run(parts, resume=True, **{**options, **changed})
+            setup = (problem, design, design.with_holes(6, 1, 0.01))
+            run(setup, resume=True, **{**options, **changed})
 
 
 @pytest.mark.mpi
@@ -550,9 +528,9 @@ def test_files_of_a_state(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     """They hold it; those that are missing or cannot be written are named."""
     state = {"phi": np.arange(5.0), "iteration": 3, "kernel": "Wendland"}
     io.save_checkpoint(comm, shared_tmp_path / "state", state)
-    found = io.load_checkpoint(comm, shared_tmp_path / "state")
-    assert np.array_equal(found["phi"], state["phi"])
-    assert (found["iteration"].item(), found["kernel"].item()) == (3, "Wendland")
+    result = io.load_checkpoint(comm, shared_tmp_path / "state")
+    assert np.array_equal(result["phi"], state["phi"])
+    assert (result["iteration"].item(), result["kernel"].item()) == (3, "Wendland")
     with pytest.raises(FileNotFoundError, match="nowhere"):
         io.load_checkpoint(comm, shared_tmp_path / "nowhere")
     if comm.rank == 0:
@@ -572,12 +550,12 @@ def test_what_does_not_go_together_is_refused(comm: MPI.Intracomm) -> None:
         ((gray,), {"optimizer": ffr.MMA(), "move": 0.5}, r"\['move'\] to the optimizer, opt.*=MMA"),
         (({"beam": gray}, gray.even(0.5)), {}, r"designs are given for \['beam'\]"),
     ]
-    for parts, options, said in cases:
-        with pytest.raises(ValueError, match=said):
-            run((problem, *parts), **options)
+    for setup, options, message in cases:
+        with pytest.raises(ValueError, match=message):
+            run((problem, *setup), **options)
     problem.flexible["twin"] = problem.flexible["plate"]
-    said = r"designs one body, and the problem has \['plate', 'twin'\]"
-    with pytest.raises(ValueError, match=said):
+    message = r"designs one body, and the problem has \['plate', 'twin'\]"
+    with pytest.raises(ValueError, match=message):
         run((problem, levelset, start))
 
 
@@ -592,8 +570,8 @@ def test_two_programs_do_not_write_into_one_folder(
     def once(**options: Any) -> ffr.Result:
         return run((problem, design), iterations=1, output=shared_tmp_path, **options)
 
-    said = "another program, or another call, is writing into"
-    with pytest.raises(BlockingIOError, match=said):
+    message = "another program, or another call, is writing into"
+    with pytest.raises(BlockingIOError, match=message):
         once(callback=lambda *_: once())
     once()
     hold = "import sys, time; from pathlib import Path; from dolfinx_ffr.files import locked; "
@@ -603,7 +581,7 @@ def test_two_programs_do_not_write_into_one_folder(
         other = subprocess.Popen(program, env=processes.environment(), stdout=subprocess.PIPE)
         assert other.stdout is not None and other.stdout.readline() == b"held\n"
     comm.Barrier()
-    with pytest.raises(BlockingIOError, match=said):
+    with pytest.raises(BlockingIOError, match=message):
         once()
     if comm.rank == 0:
         other.kill()
@@ -629,7 +607,7 @@ def test_a_start_without_use(comm: MPI.Intracomm, shared_tmp_path: Path, optimiz
     options |= {"iterations": 2, "resume": True}
     run((problem, levelset, start), **options)
     run((problem, levelset), **options)
-    with pytest.warns(ffr.DesignWarning, match="the start that is given is not the one that it be"):
+    with pytest.warns(ffr.DesignWarning, match="ignores the start, which differs"):
         run((problem, levelset, levelset.even(0.6)), **options)
 
 
@@ -657,7 +635,7 @@ def test_summaries_are_json_whatever_they_hold(comm: MPI.Intracomm, shared_tmp_p
     for _ in range(100_000):
         deep = [deep]
     for bad in (endless, {"deep": deep}):
-        with pytest.raises(ValueError, match="write_summary: the summary holds itself, or is nest"):
+        with pytest.raises(ValueError, match="write_summary: the summary contains itself"):
             ffr.write_summary(comm, file, bad)
 
 
@@ -666,30 +644,30 @@ def test_other_objectives_are_told_during_a_run(comm: MPI.Intracomm) -> None:
     """By a callback, as if each had been asked for; also where the loop has added modes."""
     problem = slider_crank(comm, (20, 4), modes=1)
     watched = [problem.objective, ffr.Mass("rod"), ffr.JointForce("slider"), ffr.PeakStress("rod")]
-    told: list[list[float]] = []
+    reported: list[list[float]] = []
 
     def watch(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
         response = problem.response(evaluation)
-        told.append([objective.evaluate(response) for objective in watched])
+        reported.append([objective.evaluate(response) for objective in watched])
 
     design = ffr.DensityDesign(problem.flexible["rod"].domain)
     options: dict[str, Any] = {"optimizer": ffr.MMA(length=40), "mode_tolerance": 1e-5}
     result = run((problem, design), iterations=2, volume=0.8, callback=watch, **options)
-    np.testing.assert_allclose([row[0] for row in told], result.history["psi"][1:], rtol=1e-12)
+    np.testing.assert_allclose([row[0] for row in reported], result.history["psi"][1:], rtol=1e-12)
     modes = result.problem.flexible["rod"].modes
     assert modes > 1
-    parts = (problem.bodies, problem.mechanism, problem.integrator)
+    setup = (problem.bodies, problem.mechanism, problem.integrator)
     alone = [
-        ffr.Problem(*parts, objective).with_modes({"rod": modes}).value(result.x).psi
+        ffr.Problem(*setup, objective).with_modes({"rod": modes}).value(result.x).psi
         for objective in watched
     ]
-    np.testing.assert_allclose(told[-1], alone, rtol=1e-8)
+    np.testing.assert_allclose(reported[-1], alone, rtol=1e-8)
 
 
 @pytest.mark.mpi
 def test_a_second_interruption(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     """`KeyboardInterrupt` at once, and the run goes on from the last whole iteration."""
-    parts = copy(comm)
+    setup = copy(comm)
     options: dict[str, Any] = {"output": shared_tmp_path, "iterations": 6}
 
     def interrupt(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
@@ -698,7 +676,7 @@ def test_a_second_interruption(comm: MPI.Intracomm, shared_tmp_path: Path) -> No
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        run(parts, **options, callback=interrupt)
-    rest = run(parts, **options, resume=True)
-    whole = run(copy(comm), iterations=6)
-    np.testing.assert_allclose(rest.history["psi"], whole.history["psi"], rtol=1e-12)
+        run(setup, **options, callback=interrupt)
+    rest = run(setup, **options, resume=True)
+    uninterrupted = run(copy(comm), iterations=6)
+    np.testing.assert_allclose(rest.history["psi"], uninterrupted.history["psi"], rtol=1e-12)

@@ -137,8 +137,8 @@ def test_derivatives_beside_densities(comm: MPI.Comm, scene: Any) -> None:
     x = 0.5 + 0.2 * np.sin(40.0 * domain.centroids[:, 0])
 
     def numbers(values: np.ndarray, densities: np.ndarray = x) -> np.ndarray:
-        found = problem.value({"rod": densities, "machine": values})
-        return np.array([found.psi, *(c.violation for c in found.constraints.values())])
+        computed = problem.value({"rod": densities, "machine": values})
+        return np.array([computed.psi, *(c.violation for c in computed.constraints.values())])
 
     here, at = problem.gradient({"rod": x, "machine": given.array}), given.array
     assert here.gradient is not None
@@ -174,8 +174,8 @@ def test_parameters_and_a_body_on_several_ranks(comm: MPI.Comm, shared_tmp_path:
     assert result.psi < 0.9 * alone.psi and not alone.parameters
     radius = result.history["parameter radius [m]"]
     assert radius[0] == 0.1 and result.parameters["radius"] == pytest.approx(radius[-1], rel=1e-12)
-    told = result.summary()["parameters"]["stiffness"]
-    assert told["unit"] == "N/m" and told["start"] == pytest.approx(500.0)
+    reported = result.summary()["parameters"]["stiffness"]
+    assert reported["unit"] == "N/m" and reported["start"] == pytest.approx(500.0)
     assert result.problem.parameters == CRANK.at(result.parameters)
     assert result.problem.value(result.densities["rod"]).psi == pytest.approx(result.psi, rel=1e-9)
     run["iterations"] = 4
@@ -247,8 +247,8 @@ def refusals() -> dict[str, Any]:
         ),
         "'mas'": lambda: good.at({"mas": 0.2}),
         "parameter 'mass' must lie": lambda: good.at({"mass": 0.7}),
-        "with other bounds": lambda: ffr.optimize(good, own),
-        "under a name that no body has, not as 'arm'": lambda: ffr.optimize(
+        "or other bounds": lambda: ffr.optimize(good, own),
+        "give the parameters once, and not by the name of a body, 'arm'": lambda: ffr.optimize(
             good, {"arm": PARAMETERS}
         ),
         "different parameters": lambda: ffr.Problem.of_load_cases(
@@ -261,10 +261,10 @@ def refusals() -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("said", list(refusals()))
-def test_refused(said: str) -> None:
-    with pytest.raises((ValueError, TypeError), match=said):
-        refusals()[said]()
+@pytest.mark.parametrize("message", list(refusals()))
+def test_refused(message: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=message):
+        refusals()[message]()
 
 
 def test_parameters_without_a_design_are_named() -> None:

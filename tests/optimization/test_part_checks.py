@@ -38,7 +38,7 @@ def eyes(rim: float, size: float) -> ffr.Domain:
     return ffr.Domain.from_outline(MPI.COMM_SELF, shape, interfaces=pins, size=size, solid_rim=rim)
 
 
-@pytest.mark.parametrize(("rim", "member", "volume"), [(4e-3, 4e-3, 0.3), (3e-3, 5e-3, 0.5)])
+@pytest.mark.parametrize(("rim", "member", "volume"), [(3e-3, 5e-3, 0.5)])
 def test_walls_at_eyes_are_as_asked_or_violations(rim: float, member: float, volume: float) -> None:
     """A rod between two eyes, after two steps from a strip that lies on their rims."""
     domain = eyes(rim, 6e-3)
@@ -57,10 +57,10 @@ def test_walls_at_eyes_are_as_asked_or_violations(rim: float, member: float, vol
     problem = ffr.Problem({"rod": body}, mechanism, steps, ffr.IntegralCompliance())
     strip = ffr.Part(domain, lambda x: 0.006 - np.abs(x[:, 1]), 0.003)
     boundary = ffr.Boundary.of(strip, member)
-    how: dict[str, Any] = {"mode_tolerance": None, "progress": False}
-    with warnings.catch_warnings(record=True) as said:
+    options: dict[str, Any] = {"mode_tolerance": None, "progress": False}
+    with warnings.catch_warnings(record=True) as message:
         warnings.simplefilter("always")
-        result = ffr.move_boundary(problem, boundary, volume=volume, iterations=2, **how)
+        result = ffr.move_boundary(problem, boundary, volume=volume, iterations=2, **options)
     part = result.part()
     assert isinstance(part, ffr.Part) and part.thinnest_member is not None
     for middle in (0.0, LENGTH):
@@ -70,7 +70,7 @@ def test_walls_at_eyes_are_as_asked_or_violations(rim: float, member: float, vol
         assert part.polygon.covers(ring)
     thin = [name for name in result.violations if name.startswith("rod: thinnest member")]
     assert bool(thin) == (part.thinnest_member.value < 0.99 * member)
-    assert bool(thin) == any("the thinnest member is" in str(each.message) for each in said)
+    assert bool(thin) == any("the thinnest member is" in str(each.message) for each in message)
 
 
 def test_what_the_part_of_curves_that_cross_exceeds_is_no_result(
@@ -110,9 +110,9 @@ def test_what_the_part_of_curves_that_cross_exceeds_is_no_result(
 
     monkeypatch.setattr(ffr.Result, "enclosed", torn)
     with (
-        pytest.warns(ffr.DesignWarning, match="the boundary stays as the mesh has drawn it"),
+        pytest.warns(ffr.DesignWarning, match="the boundary was not moved"),
         pytest.warns(
-            ffr.DesignWarning, match=r"no part comes of the design of .*: part: no material"
+            ffr.DesignWarning, match=r"no part can be made of the design of .*: part: no material"
         ),
     ):
         result = run(1, 1.01 * share)

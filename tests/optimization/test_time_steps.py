@@ -29,24 +29,6 @@ def too_few(problem: ffr.Problem) -> ffr.Problem:
     return problem.with_integrators(dict.fromkeys(problem.load_cases, method))
 
 
-def test_steps_do_for_any_density(comm: MPI.Intracomm, capfd: pytest.CaptureFixture[str]) -> None:
-    problem = problem_of(comm)
-    said = capfd.readouterr().err
-    assert ("time steps: " in said and "estimated relative error" in said) or comm.rank > 0
-    for filled in (0.5, 1.0):
-        x = np.full(problem.flexible["rod"].domain.n_cells, filled)
-        evaluation = problem.value(x)
-        (error,) = problem.time_errors(evaluation).values()
-        assert error <= TOLERANCE
-        exact = problem.with_integrators({"motion": ffr.RadauIIA(0.4, steps=3200)}).value(x)
-        assert abs(evaluation.psi / exact.psi - 1.0) <= error
-        # they are looked at again, and stay
-        assert problem.with_steps_for(evaluation) is problem
-        # those that were given are nobody's choice
-        given = problem.with_integrators({"motion": ffr.RadauIIA(0.4, steps=25)})
-        assert given.with_steps_for(given.value(x)) is given
-
-
 @pytest.mark.mpi
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.SofteningWarning")  # of what is tried
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.LargeDeformationWarning")
@@ -63,8 +45,8 @@ def test_steps_that_do_no_more_are_chosen_anew(comm: MPI.Intracomm, tmp_path: Pa
     options["boundary"] = 0
     design = ffr.DensityDesign(problem.flexible["rod"].domain, radius=0.02)
     with pytest.warns(ffr.DesignWarning):  # gray after so few iterations
-        found = ffr.optimize(problem, design, iterations=2, **options)
-        assert found.problem.integrator == again.integrator
+        result = ffr.optimize(problem, design, iterations=2, **options)
+        assert result.problem.integrator == again.integrator
         more = ffr.optimize(problem, design, iterations=3, resume=True, **options)
-    assert more.history["psi"][2] == pytest.approx(found.history["psi"][2], rel=1e-6)
+    assert more.history["psi"][2] == pytest.approx(result.history["psi"][2], rel=1e-6)
     assert more.problem.integrator == again.integrator

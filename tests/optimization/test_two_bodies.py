@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from mpi4py import MPI
 
 import numpy as np
@@ -61,8 +59,8 @@ def test_all_gradients_of_one_simulation(comm: MPI.Comm, monkeypatch: pytest.Mon
         direction = np.cos(50 * c[:, 0] + 70 * c[:, 1])
 
         def values(step: float, name: str = name, direction: np.ndarray = direction) -> np.ndarray:
-            found = problem.value({**x, name: x[name] + step * direction})
-            return np.array([found.psi, *(g.violation for g in found.constraints.values())])
+            computed = problem.value({**x, name: x[name] + step * direction})
+            return np.array([computed.psi, *(g.violation for g in computed.constraints.values())])
 
         # sixth order: in shorter steps round-off of accelerations is a millionth of their slope
         changes = [values(step) - values(-step) for step in (1e-3, 2e-3, 3e-3)]
@@ -79,36 +77,3 @@ def test_all_gradients_of_one_simulation(comm: MPI.Comm, monkeypatch: pytest.Mon
     assert volume.violation == pytest.approx(volume.value / 0.5 - 1.0, rel=1e-14)
     assert volume.gradient is not None
     assert not volume.gradient["rocker"].any()
-
-
-def test_mechanism_from_files_is_the_same(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
-    """Arrays saved from the reduced bodies give the same numbers without any mesh.
-
-    Up to round-off: what LAPACK makes of the same numbers depends on where they lie in memory.
-    """
-    objective = ffr.IntegralCompliance() + 1e-4 * ffr.JointForce("coupler pin")
-    constraints = [CONSTRAINTS[3], CONSTRAINTS[6]]
-    problem = four_bar(comm, objective, constraints=constraints)
-    result = problem.gradient(designs(problem))
-    bodies = dict(problem.bodies)
-    for name, body in result.bodies.items():
-        if comm.rank == 0:
-            body.integrals.save(shared_tmp_path / f"{name}.npz")
-        comm.Barrier()
-        bodies[name] = ffr.VolumeIntegrals.load(shared_tmp_path / f"{name}.npz")
-    chain = (problem.mechanism, problem.integrator, objective, constraints)
-    given = ffr.MechanicalProblem(*chain).gradient(bodies)
-    assert given.psi == pytest.approx(result.psi, rel=1e-13)
-    pairs = [(given.integrals_gradient, result.integrals_gradient)]
-    for name, own in given.constraints.items():
-        other = result.constraints[name]
-        assert own.violation == pytest.approx(other.violation, rel=1e-13)
-        pairs.append((own.integrals_gradient, other.integrals_gradient))
-    for a, b in pairs:
-        assert a is not None and b is not None
-        assert list(a) == list(b) == ["crank", "coupler", "rocker"]
-        # of the crank, whose motion is prescribed, round-off of zero is left
-        size = max(b[name].dot(b[name]) for name in b)
-        for name in a:
-            difference = a[name] + b[name].scaled(-1.0)
-            assert difference.dot(difference) <= 1e-24 * size

@@ -147,37 +147,3 @@ def test_length_chosen_by_leaving_out(comm: MPI.Comm) -> None:
     assert chosen.errors is not None and far.errors is not None
     assert chosen.length > 0.0
     assert chosen.errors.l2 < far.errors.l2
-
-
-@pytest.mark.slow
-def test_design_loop_with_each_gradient(comm: MPI.Comm) -> None:
-    """Exact adjoint and element by element walk the same way; the history tells of errors."""
-
-    def run(method: ffr.optimization.GradientMethod | None) -> ffr.Result:
-        problem = reference_problem(comm, (24, 6), modes=3, steps=100)
-        levelset = ffr.LevelSet(problem.flexible["rod"].domain)
-        return ffr.optimize(
-            problem,
-            levelset,
-            levelset.with_holes(4, 1, 0.01),
-            volume=0.7,
-            gradient=method,
-            optimizer=ffr.LevelSetEvolution(sharpness=(11.0,)),
-            boundary=0,
-            iterations=4,
-            progress=False,
-        )
-
-    exact = run(None)
-    assert "gradient_estimate" not in exact.history
-    elements = ffr.paper.GradientElements(share=0.4)
-    near_run = run(ffr.paper.ApproximateGradient(elements, ffr.ThinPlate(), compare_every=2))
-    history = near_run.history
-    domain = exact.designs["rod"].domain
-    designed = comm.allreduce(int(np.count_nonzero(domain.design_cells)))
-    assert np.all(history["gradient_elements"] < 0.5 * designed)
-    assert np.all(history["gradient_estimate"] > 0.0)
-    accepted = history["accepted"] > 0
-    measured = np.isfinite(history["gradient_error"]) & np.isfinite(history["band_error"])
-    assert np.all(measured[accepted & (history["iteration"] % 2 == 0)])
-    assert history["psi"][-1] < history["psi"][0]

@@ -111,19 +111,6 @@ def test_close_eigenvalues(comm: MPI.Comm, difference: float, solver: ffr.paper.
 
 
 @pytest.mark.mpi
-def test_normal_modes_stay_orthonormal(comm: MPI.Comm) -> None:
-    """The derivative of Phi^T M Phi is zero for every element: modes, element and mass together."""
-    domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(16, 3))
-    body = ffr.FlexibleBody(domain, STEEL, frame=ffr.ChordFrame("left", "right"), modes=3)
-    reduced = body.reduce(0.5 + 0.4 * np.sin(90 * domain.centroids[:, 0]))
-    change = integral_derivatives(body, reduced)
-    size = np.abs(change.G).max(initial=0.0)
-    assert_allclose(change.G[:, 4:, 4:], 0.0, atol=1e-9 * max(size, 1e-300))
-    assert_allclose(change.G, change.G.transpose(0, 2, 1), atol=1e-12 * size)
-    assert_allclose(change.N, -change.N.transpose(0, 2, 1), atol=1e-12 * size)
-
-
-@pytest.mark.mpi
 def test_derivatives_of_the_integrals_along_a_line(comm: MPI.Comm) -> None:
     """Static modes are unique: their integrals agree entry by entry with differences."""
     domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(16, 3))

@@ -10,7 +10,6 @@ from typing import Any
 
 from mpi4py import MPI
 
-import ezdxf
 import numpy as np
 import pytest
 import shapely
@@ -20,7 +19,7 @@ from shared.rods import STEEL
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary.curve import FreeCurve
-from dolfinx_ffr.fem import Arc, Line, gmsh_model
+from dolfinx_ffr.fem import Line, gmsh_model
 
 #: Radius of the cutter by which outlines are offset [mm]
 CUTTER = 1.0
@@ -162,18 +161,6 @@ def test_meshing_by_curvature_ends(part: ffr.Part, cad: Any) -> None:
     around = sum(cad.model.occ.getMass(1, tag) for _, tag in cad.model.getEntities(1))
     edges = len(cad.model.getEntities(1))
     assert len(cad.model.mesh.getNodes()[0]) < around / 1.0 + 2 * edges
-
-
-def test_bores_are_circles_and_straight_ends_are_lines(tmp_path: Path) -> None:
-    part = connecting_rod()
-    (path,) = part.write(tmp_path / "rod.dxf")
-    kinds = [entity.dxftype() for entity in ezdxf.readfile(path).modelspace()]
-    assert kinds.count("CIRCLE") == 2
-    assert {"ARC", "LINE", "SPLINE"} < set(kinds)
-    for name, radius in zip(("left", "right"), ConnectingRod().bores, strict=True):
-        (bore,) = part.interface(name)
-        assert isinstance(bore, Arc)
-        assert bore.radius == pytest.approx(radius, rel=1e-9)
 
 
 def test_a_curve_that_moved_ends_in_lines() -> None:

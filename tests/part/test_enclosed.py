@@ -72,7 +72,7 @@ def test_of_a_design(comm: MPI.Comm, dimension: int) -> None:
     assert part.pieces == 1
     filled = part.area if dimension == 2 else part.volume
     assert filled == pytest.approx(design.domain.area, rel=1e-12)
-    with pytest.raises(ValueError, match=f"; {kind.__name__} is for such bodies"):
+    with pytest.raises(ValueError, match=f"take a {kind.__name__} for bodies in "):
         other.of(design, design.even(1.0))
 
 

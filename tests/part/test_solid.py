@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
 from pathlib import Path
 
 from mpi4py import MPI
@@ -17,7 +16,6 @@ from spatial_slider_crank import ROD, SECTION, spatial_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import Solid
-from dolfinx_ffr.fem import Tetrahedra, _compat
 from dolfinx_ffr.part import ball_widths
 
 
@@ -198,33 +196,6 @@ def test_meshes_have_the_interfaces_and_regions(comm: MPI.Comm, cell: str, finer
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("turned", [False, True])
-def test_long_cells_are_cut_along_their_length(comm: MPI.Comm, turned: bool) -> None:
-    """If cells that meet have the same axes: else sides that they share would be divided twice."""
-    points = np.array(list(product([0.0, 1.0], [0.0, 1.0], [0.0, 3.0, 6.0]))) - [0.0, 0.5, 0.5]
-    # corners of both cells in the order of DOLFINx, the last coordinate first
-    cells = np.array([[0, 1, 3, 4, 6, 7, 9, 10], [1, 2, 4, 5, 7, 8, 10, 11]])
-    if turned:
-        cells[1] = cells[1][[0, 2, 4, 6, 1, 3, 5, 7]]
-    own_cells = cells if comm.rank == 0 else cells[:0]
-    mesh = _compat.create_mesh(comm, own_cells, points, "hexahedron", 1)
-    domain = ffr.Domain(mesh, {"left": lambda x: x[2] < -0.5 + 1e-9})
-    expected = 3 * [3.0 ** (1.0 / 3.0)] if turned else [3.0, 1.0, 1.0]
-    np.testing.assert_allclose(domain.cell_edges, expected, rtol=1e-12)
-    tetrahedra = Tetrahedra.of(domain, 2)
-    if comm.rank == 0:
-        edges = tetrahedra.points[
-            tetrahedra.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]]
-        ]
-        longest = np.max(np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2))
-        # of parts of 0.5 x 0.5 x 1.5 and of 1 x 1 x 0.75, two triangles for each side
-        assert longest == pytest.approx(np.hypot(0.5, 1.5) if turned else np.sqrt(2.0))
-        sides = tetrahedra.cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3)
-        _, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
-        assert np.sum(count == 1) == 2 * (2 * 4 + 8 * 4 if turned else 2 + 8 * 4)
-
-
-@pytest.mark.mpi
 def test_a_bore_is_found_again(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """Finer meshes are rounder: their nodes are on the cylinder, of which the axis is found."""
     path = shared_tmp_path / "block.msh"
@@ -290,14 +261,14 @@ def test_refusals(comm: MPI.Comm) -> None:
     with pytest.raises(ValueError, match=r"surface must lie between 0 and 0\.05, 0 excluded"):
         Solid(free, full, size=0.05, surface=0.1)
     complete = Solid(free, full)
-    with pytest.raises(ValueError, match="tetrahedra are more than the 8,000,000 that can be cut"):
+    with pytest.raises(ValueError, match="tetrahedra are more than the limit of 8,000,000"):
         complete.domain(1e-9)
     with pytest.raises(ValueError, match="or fewer meshes"):
         complete.sizes(None, 200)
     flat = ffr.Domain.rectangle(comm, 0.8, 0.2, elements=(8, 2))
-    with pytest.raises(ValueError, match="the body is in the plane; Part"):
+    with pytest.raises(ValueError, match="the body is in the plane; take a Part"):
         Solid(flat, full)
-    with pytest.raises(ValueError, match="the body is in space; Solid"):
+    with pytest.raises(ValueError, match="the body is in space; take a Solid"):
         ffr.Part(free, full)
 
 

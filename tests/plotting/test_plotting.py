@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations, pairwise
+from itertools import pairwise
 from pathlib import Path
 from subprocess import CalledProcessError
 
@@ -14,9 +14,6 @@ from mpi4py import MPI
 import ezdxf
 import numpy as np
 import pytest
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 from shared.problems import four_bar, slider_crank
@@ -33,10 +30,9 @@ from dolfinx_ffr.plotting import (
     plot_scene,
 )
 from dolfinx_ffr.plotting.drawn_mesh import DrawnMesh
-from dolfinx_ffr.plotting.mechanism_view import MechanismView
 from dolfinx_ffr.plotting.part_view import STEEL as MATERIAL
 from dolfinx_ffr.plotting.scene import Scene
-from dolfinx_ffr.plotting.style import ACCENTS, GRAY, RED, nice_number, prefixed, styled_figure
+from dolfinx_ffr.plotting.style import ACCENTS, GRAY, RED
 
 LENGTH, HEIGHT = 0.4, 0.04
 MESHES = [(cell, order) for cell in ("quadrilateral", "triangle") for order in (1, 2)]
@@ -207,22 +203,6 @@ def test_curved_cells_are_drawn_with_middle_nodes(comm: MPI.Comm, shared_tmp_pat
     assert np.sum(across) / 2 > 1.005 * corners / 2 * radius**2 * np.sin(2 * np.pi / corners)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_dark_share_of_a_design_is_its_volume(tmp_path: Path, cell: str) -> None:
-    domain = rod(MPI.COMM_SELF, cell)
-    random_design = (np.random.default_rng(7).random(domain.n_cells) < 0.37).astype(float)
-    share = domain.sum(random_design * domain.cell_volumes) / domain.area
-
-    def dark(x: NDArray[np.float64], name: str) -> int:
-        path = plot_design(domain, x, tmp_path / f"{name}.png")
-        return int(np.count_nonzero(near(pixels(path), "#000000", 100.0)))
-
-    void = dark(np.zeros(domain.n_cells), "void")
-    solid = dark(np.ones(domain.n_cells), "solid")
-    assert (dark(random_design, "some") - void) / (solid - void) == pytest.approx(share, abs=0.02)
-
-
 def test_shade_is_the_density(tmp_path: Path) -> None:
     domain = rod(MPI.COMM_SELF)
     for density in (0.0, 0.25, 0.8):
@@ -337,46 +317,6 @@ def test_history_draws_parameters_between_their_bounds(tmp_path: Path) -> None:
     assert lines[0] >= lines[1] + 2
 
 
-def test_history_has_a_panel_for_each_column_and_for_load_cases(tmp_path: Path) -> None:
-    """A curve for each load case, relative to the start, beside that of all together."""
-    history = some_history()
-    psi = history["psi"]
-    load_cases = {"psi of slow": 2.0 * psi, "psi of fast": 3.0 * psi[0] - psi}
-    one, two, three, more, alone = (
-        pixels(plot_history(columns, tmp_path / "x.png"))
-        for columns in (
-            *({name: history[name] for name in ("psi", "volume", "step")[:n]} for n in (1, 2, 3)),
-            {"psi": psi, **load_cases},
-            load_cases,
-        )
-    )
-    assert one.shape[1] < two.shape[1] < three.shape[1]
-    assert one.shape[1] < more.shape[1] and alone.shape == one.shape
-    assert near(alone, "#0b62a4").sum() > 300 and near(alone, "#d9822b").sum() > 300
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_heading_of_a_panel_stays_clear_of_its_value(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
-) -> None:
-    """However long both are."""
-    drawn = []
-    write = Figure.savefig
-
-    def savefig(figure: Figure, path: Path) -> None:
-        write(figure, path)
-        drawn.append(figure)
-
-    monkeypatch.setattr(Figure, "savefig", savefig)
-    k = 1e-5 * np.arange(1.0, 3.456)
-    columns = {"mode_error": k, "psi": k / 7.0, "frequency": k / 7.0, "volume": k / 7.0}
-    columns = dict(list(columns.items())[:count])
-    plot_history(columns, tmp_path / "x.png", psi_unit="rad^2 of link two")
-    for axes in drawn[0].axes:
-        left, right = (text.get_window_extent() for text in (axes._left_title, axes._right_title))
-        assert left.x1 < right.x0 - 5.0 or left.y0 > right.y1
-
-
 def test_modes_do_not_depend_on_their_signs(solved: Solved, tmp_path: Path) -> None:
     reduced = solved.evaluation.bodies["rod"]
     a = pixels(plot_modes(solved.body, reduced, tmp_path / "a.png", title="Modes"))
@@ -457,21 +397,6 @@ def test_scene_shows_joints_and_springs_of_every_kind(tmp_path: Path) -> None:
     animate_motion(press_.problem, press_.evaluation, tmp_path / "x.gif", frames=2)
 
 
-def test_names_at_one_place_stand_above_each_other(tmp_path: Path) -> None:
-    """The text of none covers the text of another."""
-    press_ = press()
-    scene = gathered(press_, [100])
-    with styled_figure(9.0, 7.0) as figure:
-        colors = ScalarMappable(Normalize(-0.15, 1.15), "gray_r")
-        view = MechanismView(figure.subplots(), scene, 1.0, colors, labels=True)
-        view.show(0)
-        figure.draw_without_rendering()
-        boxes = {text.get_text(): text.get_window_extent() for text in view.axes.texts}
-    assert {"rod", "carriage", "flag", "weld", "pin"} <= set(boxes)
-    for (one, a), (other, b) in combinations(boxes.items(), 2):
-        assert not a.overlaps(b), f"{one} {other}"
-
-
 def test_scene_shows_crank_design_and_names(solved: Solved, tmp_path: Path) -> None:
     draw = partial(plot_scene, solved.problem, solved.evaluation, tmp_path / "x.png", time=0.9)
     picture = pixels(draw())
@@ -534,17 +459,6 @@ def test_film_has_its_frames_and_shows_the_motion(solved: Solved, tmp_path: Path
     fit = np.polynomial.Polynomial.fit(slider, ends, 1)
     assert np.max(np.abs(fit(slider) - ends)) < 2.0  # pixels
     assert np.ptp(ends) > 150.0
-
-
-@pytest.mark.mpi
-def test_modes_look_the_same_on_any_number_of_ranks(
-    comm: MPI.Comm, solved: Solved, alone: Solved, shared_tmp_path: Path, tmp_path: Path
-) -> None:
-    on_all_ranks, by_itself = (
-        plot_modes(case.body, case.evaluation.bodies["rod"], path)
-        for case, path in ((solved, shared_tmp_path / "a.png"), (alone, tmp_path / "b.png"))
-    )
-    assert_same_picture(on_all_ranks, by_itself)
 
 
 @pytest.mark.slow
@@ -616,29 +530,17 @@ def test_bad_input_is_refused_on_every_rank(
     comm: MPI.Comm, solved: Solved, shared_tmp_path: Path
 ) -> None:
     domain, png = solved.body.domain, shared_tmp_path / "x.png"
-    both, x = (solved.problem, solved.evaluation), np.ones(domain.n_cells)
+    both = solved.problem, solved.evaluation
     part = ffr.Part(domain, lambda p: np.ones(len(p)))
     for message, call in (
-        ("the kind '.jpg' is not known", lambda: plot_design(domain, x, png.with_suffix(".jpg"))),
         (r"columns \['iteration'\]", lambda: plot_history({"iteration": [1.0]}, png)),
-        ("must have a line", lambda: plot_history({"psi": []}, png)),
+        ("needs a line", lambda: plot_history({"psi": []}, png)),
         ("the kind '.bmp' is not known", lambda: plot_part(part, png.with_suffix(".bmp"))),
-        ("design 'b': values from 2", lambda: plot_design(domain, {"b": 2 * x}, png)),
         ("time = 7.0 s lies", lambda: plot_scene(*both, png, time=7.0)),
     ):
         with pytest.raises(ValueError, match=message):
             call()
     assert comm.allreduce(len(list(png.parent.iterdir()))) == 0
-
-
-@pytest.mark.mpi
-def test_unwritable_place_is_refused_on_every_rank(comm: MPI.Comm, shared_tmp_path: Path) -> None:
-    domain = rod(comm)
-    if comm.rank == 0:
-        (shared_tmp_path / "file").write_text("not a directory")
-    comm.Barrier()
-    with pytest.raises(OSError, match="file"):
-        plot_design(domain, np.ones(domain.n_cells), shared_tmp_path / "file" / "x.png")
 
 
 def test_settings_of_matplotlib_stay_as_they_were(tmp_path: Path) -> None:
@@ -647,10 +549,3 @@ def test_settings_of_matplotlib_stay_as_they_were(tmp_path: Path) -> None:
     before = dict(matplotlib.rcParams)
     plot_history(some_history(), tmp_path / "x.png")
     assert dict(matplotlib.rcParams) == before
-
-
-def test_nice_numbers_and_prefixed_units() -> None:
-    for value, nice in ((0.37, 0.2), (5.0, 5.0), (1.0, 1.0), (9999.0, 5000.0)):
-        assert nice_number(value) == pytest.approx(nice, rel=1e-12)
-    for value, unit, factor in ((3e-5, "µJ", 1e6), (1200.0, "kJ", 1e-3), (2.0, "J", 1.0)):
-        assert prefixed(value, "J") == (unit, pytest.approx(factor))

@@ -15,12 +15,10 @@ import numpy as np
 import pytest
 import scipy.sparse
 import scipy.sparse.linalg
-from PIL import Image
 from shared.meshes import write_rod
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.fem import stress_recovery
-from dolfinx_ffr.plotting import plot_stress
 from dolfinx_ffr.postprocessing import StressModes
 from dolfinx_ffr.reduction import ReducedBody
 from dolfinx_ffr.verification import convergence_order
@@ -225,31 +223,6 @@ def test_the_same_stress_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
         fields.append((body.domain.everywhere(worst.stress), worst.largest, worst.largest_time))
     np.testing.assert_allclose(fields[0][0], fields[1][0], rtol=1e-6)
     assert fields[0][1:] == pytest.approx(fields[1][1:], rel=1e-7)
-
-
-def test_picture_of_the_stress(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
-    """A linear stress runs through the colours; void is left white; the largest is circled."""
-    domain = ffr.Domain.rectangle(comm, 1.0, 0.2, elements=(40, 8))
-    x, y = domain.centroids.T
-    solid = (np.abs(y) > 0.05) | (np.abs(x - 0.5) > 0.3)
-    stress = np.where(solid, 1e6 * x, 0.0)
-    path = plot_stress(domain, stress, shared_tmp_path / "new" / "stress.png", solid=solid)
-    everything = plot_stress(domain, stress, shared_tmp_path / "all.png")
-    if comm.rank == 0:
-        # below the heading
-        pixels, whole = (
-            np.asarray(Image.open(file).convert("RGB"), float)[round(0.85 * 150) :]
-            for file in (path, everything)
-        )
-        # the body's place: the darkest outline pixels
-        gray = np.abs(pixels - 255.0).sum(axis=2) > 20.0
-        columns = np.flatnonzero(gray.mean(axis=0) > 0.3)
-        middle = (columns[0] + columns[-1]) // 2
-        white, inside = (np.mean(np.all(p[:, middle] > 250.0, axis=1)) for p in (pixels, whole))
-        assert white > inside + 0.3  # the hole
-        column_of_cell, right = pixels[:, columns[0] + 40], pixels[:, columns[-1] - 40]
-        blue, red = [p[np.ptp(p, axis=1) > 40.0].mean(axis=0) for p in (column_of_cell, right)]
-        assert blue[2] > blue[0] + 40.0 and red[0] > red[2] + 40.0
 
 
 @pytest.mark.mpi

@@ -135,21 +135,6 @@ def test_parts_are_factored_where_little_is_between_them(
 
 
 @pytest.mark.mpi
-def test_a_cut_between_elements_has_one_row_of_nodes(comm: MPI.Intracomm) -> None:
-    """Where each rank has some of them, none beside the cut counts."""
-    elasticity = rod(comm, (40, 4)).elasticity
-    matrix = elasticity.new_matrix()
-    between = Between.of(elasticity, matrix)
-    domain = elasticity.domain
-    middles = np.rint(2.0 * domain.centroids[:, :2] / domain.cell_size).astype(int)
-    corners = middles[:, None] + [(-1, -1), (-1, 1), (1, -1), (1, 1)]
-    of_ranks = comm.allgather(np.unique(corners.reshape(-1, 2), axis=0))
-    _, ranks = np.unique(np.concatenate(of_ranks), axis=0, return_counts=True)
-    assert len(between.every) <= 2 * (np.count_nonzero(ranks > 1) + 2 * (comm.size - 1))
-    matrix.destroy()
-
-
-@pytest.mark.mpi
 def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -159,23 +144,6 @@ def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(
     expected = r'factor .* 975 unknowns: .*entries are some .*GB, more than .*solver="iterative"'
     with pytest.raises(ValueError, match=expected):
         flexible.reduce(np.ones(flexible.domain.n_cells))
-
-
-def test_entries_of_a_factor_are_counted_where_the_estimate_is_too_many(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Not where it is hopeless, or there is no memory for that."""
-    elasticity = rod(MPI.COMM_SELF, (40, 4, 4)).elasticity
-    matrix = elasticity.new_matrix()
-    estimate = module.factor_entries(elasticity, matrix)
-    counted = module.factor_entries(elasticity, matrix, 0.99 * estimate)
-    # at least the lower half of the matrix
-    assert 0.5 * matrix.getInfo()["nz_allocated"] < counted != estimate
-    for most in (estimate, 0.1 * estimate, -1.0):
-        assert module.factor_entries(elasticity, matrix, most) == estimate
-    monkeypatch.setattr(module.cholmod, "_call", lambda *_, **__: None)
-    assert module.factor_entries(elasticity, matrix, 0.99 * estimate) == estimate
-    matrix.destroy()
 
 
 def test_entries_of_a_factor_are_no_more_than_those_of_a_band() -> None:

@@ -11,7 +11,7 @@ from shared.rods import rod
 
 from dolfinx_ffr import FlexibleBody
 from dolfinx_ffr.reduction import ReducedBody
-from dolfinx_ffr.reduction.krylov import BASIS, KrylovSpace
+from dolfinx_ffr.reduction.krylov import KrylovSpace
 
 
 def body_of(comm: MPI.Intracomm, tolerance: float = 1e-8) -> tuple[FlexibleBody, ReducedBody]:
@@ -27,41 +27,6 @@ def waves(body: FlexibleBody, columns: int) -> np.ndarray:
     fields = np.sin(np.outer(place, 1.0 + np.arange(columns)) + np.arange(len(place))[:, None] % 2)
     fields[body.reduction.clamped] = 0.0
     return fields
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("without", [False, True])
-def test_basis_and_operator(comm: MPI.Intracomm, without: bool) -> None:
-    """The basis is M-orthonormal, and K^-1 M in it is what it is applied field by field.
-
-    Starts that depend on each other, exactly and nearly, make a smaller block.
-    """
-    body, reduced = body_of(comm)
-    factored, inner = body.factored(reduced), body.elasticity.inner
-    modes = reduced.basis.normal
-    start = waves(body, 3)
-    start = np.column_stack([start, start @ [1.0, 2.0, 0.0], 1e-7 * waves(body, 4)[:, 3]])
-    masses = body.elasticity.apply(factored.clamped.mass, modes)
-    space = KrylovSpace(factored, start, (modes, masses) if without else None)
-    assert space.size == 4
-    for _ in range(5):
-        space.grow()
-    basis, mass = space.basis, factored.clamped.mass
-    assert basis.shape[1] == space.complete == 20
-    exact = 1e-15 / BASIS.clear**2
-    image = body.elasticity.apply(mass, basis)
-    np.testing.assert_allclose(inner(basis, image), np.eye(20), atol=exact)
-    if without:
-        np.testing.assert_allclose(inner(modes, image), 0.0, atol=exact)
-    answers = factored.solve(image)
-    scale, images = np.linalg.norm(space.projected, 2), space.image_of(np.eye(20))
-    np.testing.assert_allclose(images, answers, atol=exact * np.max(np.abs(answers)))
-    np.testing.assert_allclose(inner(image, answers), space.projected, atol=exact * scale)
-    outside = answers - basis @ space.projected
-    if without:
-        outside -= modes @ inner(masses, outside)
-    norms = np.sqrt(np.diag(inner(outside, body.elasticity.apply(mass, outside))))
-    np.testing.assert_allclose(space.residual_norms(np.eye(20)), norms, atol=exact * scale)
 
 
 def test_invariant_space(comm: MPI.Intracomm) -> None:

@@ -27,7 +27,6 @@ from dolfinx_ffr.reduction import CLUSTER, CraigBampton, FactoredBody, normal_mo
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
 BODIES: dict[str, Callable[[MPI.Intracomm], Domain]] = {
     "coarse square": lambda comm: plate(comm, 11),
-    "square with a hole": lambda comm: plate(comm, 16, hole=4),
     "square with a large hole": lambda comm: plate(comm, 12, hole=6),
     "annulus": lambda comm: annulus(comm, 14, 3),
     "round bar": lambda comm: bar(comm, 4, circular=True),
@@ -112,7 +111,7 @@ def test_modes_that_cannot_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> Non
     count = FactoredBody.count_below
     monkeypatch.setattr(FactoredBody, "count_below", lambda *args: count(*args) + 1)
     body = reduction(BODIES["coarse square"](MPI.COMM_SELF), 5)
-    factored, message = factor(body), r"5 normal modes were found below .* 6 were counted"
+    factored, message = factor(body), r"5 normal modes were found below .* a count gives 6"
     with pytest.raises(RuntimeError, match=message):
         body.basis(factored)
     monkeypatch.undo()
@@ -150,8 +149,7 @@ def test_the_same_on_several_ranks(
 @pytest.mark.parametrize(
     ("name", "modes", "tolerance"),
     [
-        *(("coarse square", 8, tolerance) for tolerance in (1e-6, 1e-11)),
-        *(("square with a hole", 17, 1e-8), ("annulus", 5, 1e-8), ("star of 5", 10, 1e-11)),
+        *(("coarse square", 8, 1e-6), ("annulus", 5, 1e-8), ("star of 5", 10, 1e-11)),
     ],
 )
 def test_gradient_where_no_cluster_is_cut(name: str, modes: int, tolerance: float) -> None:

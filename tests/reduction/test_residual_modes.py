@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import scipy.linalg
 from four_bar import LINKS, four_bar
-from pendulum import pendulum
 from shared.rods import rod
 from slider_crank import LENGTH, reference_problem
 
@@ -125,34 +124,6 @@ def test_estimate_is_near_the_true_error(
     problem = reference_problem(MPI.COMM_SELF, elements, cell=cell, order=order, steps=200)
     x = designs(problem.flexible["rod"].domain)[design]
     check_estimates(problem, {"rod": x}, (0, 1, 4, 8), psi_with_all_modes(problem, x))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "objective",
-    [ffr.JointForce("crank pin"), ffr.MarkerAcceleration("rod", "right"), ffr.PeakCompliance()],
-    ids=["force", "acceleration", "peak"],
-)
-def test_estimate_of_other_objectives(objective: ffr.Objective) -> None:
-    """A soft rod at five times the speed, so that forces and accelerations feel its modes."""
-    problem = reference_problem(MPI.COMM_SELF, (20, 2), steps=400)
-    body = problem.flexible["rod"]
-    x = designs(body.domain)["waves"]
-    soft = replace(body.material, young=0.05 * body.material.young)
-    softer = ffr.FlexibleBody(body.domain, soft, frame=body.reduction.frame)
-    problem = ffr.Problem({"rod": softer}, problem.mechanism, problem.integrator, objective)
-    check_estimates(problem, {"rod": x}, (0, 1, 4), psi_with_all_modes(problem, x))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("stiffening", [False, True])
-def test_estimate_for_a_sudden_load(stiffening: bool) -> None:
-    """A pendulum that is let go rings, and its left-out modes ring too."""
-    size = {"elements": (8, 1), "order": 2, "solid_columns": 0}
-    bar = ffr.Domain.rectangle(MPI.COMM_SELF, 1.0, 0.05, **size)
-    problem = pendulum(bar, 100, stiffening).with_modes({"bar": 1})
-    x = np.ones(problem.flexible["bar"].domain.n_cells)
-    check_estimates(problem, {"bar": x}, (0, 1, 4), psi_with_all_modes(problem, x))
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from dolfinx_ffr.report.numbers import NOTHING, Scale, aligned, fixed, percent
+from dolfinx_ffr.report.numbers import NOTHING, Scale, fixed, percent
 
 
 @pytest.mark.parametrize(
@@ -64,13 +64,3 @@ def test_chosen_numbers_and_percent() -> None:
     assert {share: percent(share) for share in shares} == shares
     assert [percent(v, sign=True) for v in (0.1, -0.1, 0.0)] == ["+10", "−10", "0"]
     assert percent(math.inf) == "∞"
-
-
-def test_points_of_a_column_stand_below_each_other() -> None:
-    column = aligned(["12", "3.25", "−0.5", NOTHING, "1 × 10⁻⁹"])
-    plain = column[:4]
-    assert [text.strip("\u2007\u2008") for text in plain] == ["12", "3.25", "−0.5", NOTHING]
-    # the space of a point is where the point is, counted from the right
-    assert {max(text[::-1].find("."), text[::-1].find("\u2008")) for text in plain} == {2}
-    assert column[4] == "1 × 10⁻⁹"
-    assert aligned(["1", "22"]) == ["1", "22"]

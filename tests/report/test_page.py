@@ -81,8 +81,8 @@ def test_browser_shows_all_pictures_and_asks_for_nothing(seen: Seen) -> None:
 @pytest.mark.slow
 def test_browser_shows_the_numbers_with_their_units(seen: Seen) -> None:
     text = re.sub(r"[\s\u2007\u2008\u202f]+", " ", seen.found["text"])
-    for said in SAID.split("|"):
-        assert said.strip() in text, said
+    for message in SAID.split("|"):
+        assert message.strip() in text, message
     assert "What is missing" not in text
 
 
@@ -99,13 +99,13 @@ def test_steps_of_the_boundary(tmp_path: Path) -> None:
     columns = {"psi": 3e-5, "volume": 0.5, "narrowest": 1.3e-3, "excess": 0.0, "removed": 1.0}
     write_history(MPI.COMM_SELF, folder / "boundary.csv", list(columns), 4 * [columns])
     text = words(page_of(folder))
-    for said in (
+    for message in (
         "2 steps have moved the boundary of the part",
         "Narrowest member or gap [mm]",
         "Reported, of the part, on the mesh of its last step",
         "steps of its boundary have followed, and the reported value is that of the part",
     ):
-        assert said in text, said
+        assert message in text, message
     assert "of the densities" not in text
 
 
@@ -120,7 +120,7 @@ def test_what_is_missing_is_named(key: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("feasible", "said"),
+    ("feasible", "message"),
     [
         (True, "All constraints hold for the densities, but the part exceeds"),
         (False, "Constraints are violated: volume of rod by 2.0 %. The part exceeds"),
@@ -128,14 +128,14 @@ def test_what_is_missing_is_named(key: str, tmp_path: Path) -> None:
     ],
 )
 def test_a_limit_that_the_part_exceeds_is_named_with_its_numbers(
-    feasible: bool | None, said: str, tmp_path: Path
+    feasible: bool | None, message: str, tmp_path: Path
 ) -> None:
     settings = {**record(), "feasible": feasible}
     stress = {"value": 24.6e6, "bound": 60e6, "unit": "Pa", "kind": "at most", "violation": 0.0}
     settings["constraints"] = {"stress": stress}
     settings["verification"]["constraints"] = {"stress": [24.6e6, 99.3e6]}
     text = words(page_of(write_run(tmp_path, settings, history=False)))
-    assert f"{said} stress by 66 % (reported 24.60, part 99.30, at most 60 MPa)." in text
+    assert f"{message} stress by 66 % (reported 24.60, part 99.30, at most 60 MPa)." in text
 
 
 @pytest.mark.parametrize("nonsense", ["words", {"rod": 3}, {"rod": None}])
@@ -156,7 +156,7 @@ def test_summary_of_another_program_is_shown_as_it_is(tmp_path: Path) -> None:
     page = page_of(write_run(tmp_path, settings))
     assert "<b>" not in page
     expected = ("compliance final 3.1250 × 10⁻⁵", "note <b>bold</b>", "ok yes", "What is missing")
-    assert all(said in words(page) for said in expected)
+    assert all(message in words(page) for message in expected)
 
 
 def test_history_alone_makes_a_report(tmp_path: Path) -> None:
@@ -173,13 +173,13 @@ def test_damaged_and_large_pictures_are_named(tmp_path: Path) -> None:
         with (folder / name).open("ab") as file:
             file.write(bytes(LIMIT))
     page = page_of(folder)
-    for said in (
+    for message in (
         "scene.png: the file is damaged",
         "own_thing.png: with 3.3 MB it would make the page too large; it is left out",
         "motion.gif: with 3.3 MB",
         "only its first frame is shown",
     ):
-        assert said in words(page)
+        assert message in words(page)
     assert "data:image/gif" not in page
     assert len(page) < 1e6
 
@@ -233,7 +233,7 @@ def test_folder_without_run_is_refused_on_every_rank(comm: MPI.Comm, shared_tmp_
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("summary.json", b"{", "is damaged"),
         ("summary.json", b"[1, 2]", "must hold"),
@@ -241,9 +241,9 @@ def test_folder_without_run_is_refused_on_every_rank(comm: MPI.Comm, shared_tmp_
         ("history.csv", b"iteration,psi\n0,abc\n", "is damaged"),
     ],
 )
-def test_damaged_files_are_refused(name: str, content: bytes, said: str, tmp_path: Path) -> None:
+def test_damaged_files_are_refused(name: str, content: bytes, message: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(ValueError, match=rf"{re.escape(name)} {said}"):
+    with pytest.raises(ValueError, match=rf"{re.escape(name)} {message}"):
         ffr.write_report(MPI.COMM_SELF, tmp_path)
 
 
@@ -261,14 +261,14 @@ def test_command_makes_the_report_again(
 
 
 def test_commands_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, said in (
+    for arguments, message in (
         ([], "new .* check .* design .* report .* compile .* error: say which command"),
         (["optimise"], r"'?new'?, '?check'?, '?design'?, '?report'?, '?compile'?"),
     ):
         with pytest.raises(SystemExit) as ended:
             main(arguments)
         assert ended.value.code == 2
-        assert re.search(said, " ".join(capsys.readouterr().err.split()))
+        assert re.search(message, " ".join(capsys.readouterr().err.split()))
 
 
 def test_record_of_the_tests_has_all_keys() -> None:

@@ -123,7 +123,7 @@ def test_what_only_the_package_knows_is_told_with_file_and_table(
     example: Callable[[str], Path],
 ) -> None:
     """Interfaces that are not there, numbers out of range, columns that are missing."""
-    for name, old, new, said in (
+    for name, old, new, message in (
         ("slider_crank", '"rod.right"\nl', '"rod.rihgt"\nl', "slider_crank.toml: .*'rihgt'"),
         ("outline", 'pin = "pin"', 'pin = "pni"', "bodies.lever.domain: .* 'pni'"),
         ("outline", 'value = "lever"', 'value = "arm"', "motions.swing: .* no column 'arm'"),
@@ -135,13 +135,13 @@ def test_what_only_the_package_knows_is_told_with_file_and_table(
             Path(companion).unlink(missing_ok=True)
         file = example(name)
         file.write_text(file.read_text().replace(old, new, 1))
-        with pytest.raises(scene_file.SceneError, match=said):
+        with pytest.raises(scene_file.SceneError, match=message):
             scene_file.read_scene(file).made()
 
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
-    ("setting", "said"),
+    ("setting", "message"),
     [
         ("volume = 50", r"volume of 'rod' must lie between 0 and 1, 0 excluded, but it is 50"),
         ("volume = { rood = 0.5 }", "volume is given for .'rood'., and the designs are of .'rod'."),
@@ -149,7 +149,7 @@ def test_what_only_the_package_knows_is_told_with_file_and_table(
     ],
 )
 def test_check_looks_at_the_settings_of_the_run(
-    example: Callable[[str], Path], setting: str, said: str, monkeypatch: pytest.MonkeyPatch
+    example: Callable[[str], Path], setting: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before anything is simulated."""
     file = example("slider_crank")
@@ -159,7 +159,7 @@ def test_check_looks_at_the_settings_of_the_run(
     assert count == 1
     file.write_text(text)
     monkeypatch.setattr(ffr.Problem, "value", lambda *_: pytest.fail("it was simulated"))
-    with pytest.raises(scene_file.SceneError, match=said):
+    with pytest.raises(scene_file.SceneError, match=message):
         scene_file.check(file, output=None)
 
 

@@ -46,7 +46,7 @@ def test_units(text: str, units: tuple[str, ...], number: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "units", "said"),
+    ("text", "units", "message"),
     [
         ("5 kg", ("m",), "'5 kg' has a wrong unit: it takes m$"),
         ("600 rpm", ("Hz",), "it takes Hz"),  # turns are angles
@@ -57,26 +57,9 @@ def test_units(text: str, units: tuple[str, ...], number: float) -> None:
         ("many mm", (), "is no number"),
     ],
 )
-def test_wrong_units(text: str, units: tuple[str, ...], said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+def test_wrong_units(text: str, units: tuple[str, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         in_si(text, units)
-
-
-def test_units_are_stated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a table: ``python -OO`` has no docstrings."""
-    for target in (
-        ffr.LevelSet,
-        ffr.PlaneStress,
-        vars(ffr.Domain)["box"],
-        vars(ffr.Motion)["smooth_step"],
-    ):
-        monkeypatch.setattr(getattr(target, "__func__", target), "__doc__", None)
-    assert stated_units(ffr.PlaneStress)["young"] == ("Pa",)
-    assert stated_units(ffr.SpringDamper)["stiffness"] == ("N/m", "N m/rad")
-    assert stated_units(ffr.Motion.smooth_step)["distance"] == ("m", "rad")
-    assert stated_units(ffr.Domain.box)["width"] == ("m",)
-    assert stated_units(ffr.Domain.box)["order"] == ("-",)
-    assert stated_units(ffr.LevelSet)["minimum_member"] == ("m",)
 
 
 def test_units_are_those_of_the_documentation() -> None:
@@ -142,7 +125,6 @@ WRONG = [
     ('"0.4 m"', '"0.4 kg"', r"bodies.rod.domain.length: '0.4 kg' has a wrong unit: it takes m"),
     ("height =", "heigth =", r"bodies.rod.domain: Domain.rectangle has no key 'heigth'; did you mean 'height'"),
     ('height = "40 mm", ', "", r"bodies.rod.domain: Domain.rectangle needs the key 'height'"),
-    ('"rectangle"', '"rectangel"', r"bodies.rod.domain.kind: there is no 'rectangel'; did you mean 'rectangle'"),
     ('"steel"', '"stel"', r"bodies.rod.material.name: there is no 'stel'; did you mean 'steel'"),
     ("[200, 20]", '[200, "a few"]', r"bodies.rod.domain.elements\[2\]: 'a few' is no whole number"),
     ("[200, 20]", "[200, 20, 4]", r"bodies.rod.domain.elements: must have 2 entries, but there are 3"),
@@ -151,17 +133,13 @@ WRONG = [
     ('a = "rod.left"', 'a = "rodd.left"', r"joints\[1\] \(crank pin\).a: there is no body 'rodd'; did you mean 'rod'"),
     ('b = "crank"', 'b = "crnk"', r"joints\[1\] \(crank pin\).b: 'crnk' is no marker.*did you mean 'crank'"),
     ('kind = "Revolute"\nname', 'kind = "Revolut"\nname', r"joints\[1\] \(crank pin\).kind: there is no 'Revolut'; did you mean 'Revolute'"),
-    ('mass = "0.5 kg"', 'mass = "0.5 N"', r"point_masses\[1\].mass: '0.5 N' has a wrong unit: it takes kg"),
-    ("[placements.rod]", "[placement.rod]", r"the file: a scene has no key 'placement'; did you mean 'placements'"),
     ("[objective]", "[objectiv]", r"the file: a scene has no key 'objectiv'"),
     ('[objective] # what is minimised\nkind = "IntegralCompliance"', "", r"objective: the scene needs \[objective\]"),
     ("[designs.rod]", "[designs.arm]", r"designs: there is no flexible body 'arm'; there are rod"),
-    ("volume = 0.5", 'volume = "5 m"', r"optimize.volume: '5 m' has a wrong unit: it takes no unit"),
     ("volume = 0.5", 'volume = "0,5"', r"""optimize.volume: '0,5' has a decimal comma; write a point: "0.5\""""),
     ('a = "rod.left"', 'a = "rod"', r"""joints\[1\] \(crank pin\).a: 'rod' is a body; name a marker of it, "rod.NAME\""""),
     ('marker = "rod.right"', 'marker = "right"', r"""point_masses\[1\].marker: 'right' is no marker, as "body.marker\""""),
     ("iterations = 60", "iterations = 0", r"optimize.iterations: 0 iterations design nothing"),
-    ("iterations = 60", 'iterations = "16 mm"', r"optimize.iterations: '16 mm' is no whole number"),
     ("iterations = 60", "iteration = 60", r"optimize: optimize has no key 'iteration'; did you mean 'iterations'"),
     ("title =", "title", r"Expected '='"),
     ('kind = "TimeInterval"', "", r"integrator: say which kind it is, kind = one of"),
@@ -173,12 +151,14 @@ WRONG = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "said"), WRONG, ids=[new or old for old, new, _ in WRONG])
+@pytest.mark.parametrize(
+    ("old", "new", "message"), WRONG, ids=[new or old for old, new, _ in WRONG]
+)
 def test_what_is_wrong_is_told_with_its_place(
-    old: str, new: str, said: str, tmp_path: Path
+    old: str, new: str, message: str, tmp_path: Path
 ) -> None:
     file = written(tmp_path, (old, new))
-    with pytest.raises(SceneError, match=f"^{re.escape(str(file))}: .*{said}") as caught:
+    with pytest.raises(SceneError, match=f"^{re.escape(str(file))}: .*{message}") as caught:
         read_scene(file)
     assert "\n" not in str(caught.value)
 
@@ -278,9 +258,9 @@ def test_motions_have_the_unit_of_their_users(tmp_path: Path) -> None:
     file = written(tmp_path, ("[optimize]", force))
     pull = of(read_scene(file).cases[""]["mechanism"]).forces[0].x
     assert pull.value(np.array(0.25)) == pytest.approx(2030.0)
-    for old, new, said in (("2 kN", "2 kg", "takes N$"), ("5 rev", "5 m", "takes rad$")):
+    for old, new, message in (("2 kN", "2 kg", "takes N$"), ("5 rev", "5 m", "takes rad$")):
         file = written(tmp_path, ("[optimize]", force), (old, new))
-        with pytest.raises(SceneError, match=said):
+        with pytest.raises(SceneError, match=message):
             read_scene(file)
 
 

@@ -69,7 +69,7 @@ def _run(
     page: Path, place: Path, width: int, *what: str
 ) -> tuple[subprocess.CompletedProcess[str], list[str]]:
     names = ("chromium-headless-shell", "chromium")
-    program = next((found for name in names if (found := shutil.which(name))), None)
+    program = next((computed for name in names if (computed := shutil.which(name))), None)
     assert program, f"none of {names} is installed: run make setup-tests"
     log = place / "network.json"
     quiet = "no-sandbox disable-gpu disable-quic no-first-run disable-background-networking"

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import Trajectory
 from dolfinx_ffr.verification import convergence_order
-from shared.scenes import Scene
+from shared.scenes import Bodies, Scene
 
 Array = NDArray[np.float64]
 
@@ -55,3 +55,15 @@ def deformed(scene: Scene, size: float) -> Scene:
         }
         values.append(part)
     return replace(scene, mechanism=replace(scene.mechanism, start=ffr.Assembled(*values)))
+
+
+def yoke() -> tuple[ffr.Mechanism, Bodies]:
+    """A slide of 2 kg that a turning pin in its slot moves back and forth by 0.1 m sin(15 t)."""
+    turn = ffr.Motion.polynomial([-0.5 * np.pi, 15.0])
+    pin = ffr.Moving.circle((0.0, 0.0), 0.1, turn)
+    joints = [
+        ffr.Translational(("yoke", "pin"), ffr.Ground(), name="rails"),
+        ffr.PointOnLine(pin, ("yoke", "pin"), direction=(0.0, 1.0), name="slot"),
+    ]
+    body = ffr.VolumeIntegrals.rigid(2.0, (0.0, 0.0), 0.1, {"pin": (0.0, 0.0)})
+    return ffr.Mechanism({"yoke": ffr.Placement()}, joints), {"yoke": body}

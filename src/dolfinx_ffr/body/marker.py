@@ -176,7 +176,7 @@ def check_loads(name: str, stiffening: Mapping[str, Array], d: int, r: int, G: A
     for load, array in stiffening.items():
         what = f"body {name!r}: stiffening by {load!r}"
         if load not in LOADS[d]:
-            raise ValueError(f"{what}, but the loads are {list(LOADS[d])}")
+            raise ValueError(f"{what} is not supported; give some of the loads {list(LOADS[d])}")
         check_stiffening(what, array, (*LOADS[d][load], r, r), G)
 
 

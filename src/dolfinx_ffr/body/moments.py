@@ -110,7 +110,7 @@ def _refuse_indefinite(name: str, what: str, mass: float, first: Any, second: An
         raise ValueError(
             f"body {name!r}: no distribution of mass has these m, {what} (the Gram matrix of the "
             f"shape functions has the eigenvalue {smallest:.1e} after scaling to unit diagonal); "
-            "check the inertia about all axes, and that all are of one frame"
+            "check the inertia about all axes, and use one frame for all integrals"
         )
 
 

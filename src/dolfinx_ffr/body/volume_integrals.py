@@ -274,8 +274,8 @@ class VolumeIntegrals(Shown):
         r = stiffness.shape[0]
         if K is None and np.shape(S)[:1] != (1,):
             raise ValueError(
-                f"body {name!r}: S has shape {np.shape(S)}, that of an elastic body; give its "
-                "stiffness K"
+                f"body {name!r}: S has shape {np.shape(S)} of an elastic body, but its stiffness "
+                "is missing; give K"
             )
         points = {}
         for key, marker in (markers or {}).items():
@@ -324,7 +324,8 @@ class VolumeIntegrals(Shown):
             damping = validation.instance("body file: damping", damping, RayleighDamping, needed)
             if not self.modes:
                 raise ValueError(
-                    "body file: damping of a rigid body, which has no elastic coordinates to damp"
+                    "body file: a rigid body has no elastic coordinates to damp; leave the "
+                    "damping out"
                 )
             arrays["damping"] = damping.alpha * self.G[1:, 1:] + damping.beta * self.K
         write_body(path, arrays, format)
@@ -487,7 +488,7 @@ class VolumeIntegrals(Shown):
         for key, view in views.items():
             if largest_share(view - getattr(self, key), np.diag(self.G)) > ASYMMETRY:
                 raise ValueError(
-                    f"extruded: the moments do not fit {key}: they are of another body"
+                    f"extruded: the moments do not fit {key}; give the moments of this body"
                 )
         P, turned = np.zeros((n, n, 3, 3)), np.zeros((3, 3, r, r))
         P[..., :2, :2] = flat
@@ -605,4 +606,7 @@ class VolumeIntegrals(Shown):
 
     def _require_same_markers(self, other: VolumeIntegrals) -> None:
         if self.markers.keys() != other.markers.keys():
-            raise ValueError(f"different markers: {sorted(self.markers)}, {sorted(other.markers)}")
+            raise ValueError(
+                "volume integrals with different markers cannot be combined: "
+                f"{sorted(self.markers)} and {sorted(other.markers)}"
+            )

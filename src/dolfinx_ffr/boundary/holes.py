@@ -74,7 +74,7 @@ def joined(boundary: Boundary, pair: HolePair) -> Boundary:
         radius = 0.5 * boundary.member
         union = union.buffer(-radius).buffer(radius)
         if are_far or not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
-            raise ShapeError("boundary: the holes are too far apart to be made one")
+            raise ShapeError("boundary: the holes are too far apart to be merged")
         runs.append(_run_around(union))
         removed += members
     return boundary.with_other_holes(removed, runs)
@@ -115,7 +115,7 @@ def with_strut(boundary: Boundary, ends: Array) -> Boundary:
             if piece.area > CURVES.smallest_hole * member**2
         ]
     if not runs:
-        raise ShapeError("boundary: no hole is left where there would be a strut")
+        raise ShapeError("boundary: a strut needs a hole, but no hole is near it")
     return boundary.with_other_holes(removed, runs)
 
 

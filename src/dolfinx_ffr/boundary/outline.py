@@ -151,8 +151,8 @@ class Boundary:
         runs, faces = sides_of(part.drawing, body_polygon.boundary, near_edge, outline, drawn_holes)
         if not runs:
             raise ValueError(
-                "boundary: interfaces, solid regions and the holes of the body's drawing leave no "
-                "side that could move"
+                "boundary: interfaces, solid regions and the holes of the drawing cover the whole "
+                "boundary, so that no side can move; make them smaller, or give boundary=0"
             )
         isometries = tuple(images(lines))
         # round-off of a rank may decide nothing
@@ -180,9 +180,9 @@ class Boundary:
         smooth = rough.moved(np.zeros(rough.n_offsets))
         if not smooth.valid:
             raise CurveError(
-                "boundary: curves cross once they are smoothed, as members are thinner than the "
-                "distance of the controls can show; give a smaller member or spacing, or a design "
-                "without hairlines"
+                "boundary: curves cross after smoothing, because members are thinner than the "
+                "controls can represent; give a smaller member or spacing, or a design without "
+                "thin members"
             )
         rims = smooth._rims.intersection(smooth.material)
         return replace(smooth, required=rims.buffer(-2.0 * smooth._tolerance))
@@ -522,7 +522,7 @@ class Boundary:
             if any(_is_closed_curve_of(loop, removed) for loop in loops)
         ]
         if runs and len(faces_of_removed) != 1:
-            raise ShapeError("boundary: the holes are not of one face")
+            raise ShapeError("boundary: the holes belong to different faces")
         curves, orbits = fitted(runs, self.spacing, self.isometries)
         first_curve = 1 + max(self.free)
         first_orbit = 1 + max(int(np.max(numbers)) for numbers in self.orbits.values())

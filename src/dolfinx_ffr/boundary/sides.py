@@ -256,7 +256,7 @@ def _designed_faces(
         half = 0.5 * region.area
         around = [j for j in by_area if regions[j].intersection(region).area >= half]
         if not around:
-            raise CurveError("boundary: a hole is in none of the faces, as curves cross")
+            raise CurveError("boundary: a hole lies in no face, because curves cross")
         holes[around[0]].append(k)
     for k in outer:
         yield "design", tuple(loops[j][0] for j in (k, *holes[k]))

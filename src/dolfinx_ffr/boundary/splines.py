@@ -91,7 +91,7 @@ class SplineGrid:
         nodes, spacing = self.nodes, self.spacing
         points = contour(field, self.low, nodes[-1], 0.5 * spacing)
         if not len(points):
-            raise ShapeError("surface: the field has no zero surface that could move")
+            raise ShapeError("surface: the field has no zero surface to move")
 
         # off the contour of linear pieces the first-order distance is exact on the field's zero
         # surface

@@ -102,7 +102,9 @@ class Surface:
         rim = validation.number("surface: rim", member if rim is None else rim, least=0.0, unit="m")
         planes = validation.instances("surface: mirrors", mirrors, Mirror, "planes of the body")
         if any(len(mirror.normal) != 3 for mirror in planes):
-            raise ValueError("surface: mirrors: a line is none of a body in space; give planes")
+            raise ValueError(
+                "surface: mirrors of a body in space are planes; give normals of three components"
+            )
         body = solid.body
         low, high = body.bounding_box
         if member > np.min(high - low):
@@ -218,7 +220,9 @@ class Surface:
         """The same, to be cut out of the next finer lattice; a ShapeError if that is too fine."""
         size = self.part.sizes(None, 2)[1]
         if 6.0 * self.part.volume > self.options.most_tetrahedra * size**3:
-            raise ShapeError("surface: the next finer lattice is too fine")
+            raise ShapeError(
+                "surface: the next finer lattice exceeds the number of points that is allowed"
+            )
         return replace(self, size=size)
 
     # ------------------------------------------------------------------ motion

@@ -83,8 +83,9 @@ def _images(
         if distance[nearest] > near:
             x, y = 1e3 * np.mean(run.points, axis=0)
             raise CurveError(
-                f"boundary: the curve near ({x:.4g}, {y:.4g}) mm has no mirror image to "
-                f"{1e3 * near:.3g} mm; take a design with these mirrors, or leave them out"
+                f"boundary: the curve near ({x:.4g}, {y:.4g}) mm has no mirror image within "
+                f"{1e3 * near:.3g} mm; give a design with these mirrors, or leave the mirrors "
+                "out"
             )
         numbers.append(nearest)
     return numbers

@@ -345,7 +345,11 @@ class DimensionDesign(Variables):
         largest = np.max([*fastest_nodes, *fastest_centers], axis=0)
         rates_by_name = zip(self.names, largest, strict=True)
         if without_effect := [name for name, rate in rates_by_name if rate == 0.0]:
-            warnings.warn(f"dimensions: {without_effect} move nothing of the body", stacklevel=2)
+            warnings.warn(
+                f"dimensions: {without_effect} have no influence on the body; use them in the "
+                "function, or leave them out",
+                stacklevel=2,
+            )
         return motion
 
     @contextmanager
@@ -356,7 +360,9 @@ class DimensionDesign(Variables):
         except Exception as error:  # gmsh raises nothing more precise, and users' functions do
             values = ", ".join(f"{n} = {v:.6g}" for n, v in self.named(variables).items())
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
-            raise ShapeError(f"dimensions: no body with {values}: {kind}{error}") from error
+            raise ShapeError(
+                f"dimensions: no body can be made with {values}: {kind}{error}"
+            ) from error
 
     def _outline_arguments(self, variables: Array) -> dict[str, Any]:
         """The arguments of `Domain.from_outline` that the user's function returns."""
@@ -460,8 +466,8 @@ class DimensionDesign(Variables):
             rates[nodes, :, k] = change / difference
         if np.any(rates[still]):
             raise ValueError(
-                "a marker is in a cell whose boundary moves; have it farther inside, or make it an "
-                "interface"
+                "a marker is in a cell whose boundary moves; move the marker farther inside, or "
+                "make it an interface"
             )
         is_known[still] = True
         return extended(x, cells, rates, is_known, faces)

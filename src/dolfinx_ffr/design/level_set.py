@@ -218,7 +218,7 @@ class LevelSet(Design):
             if len(mirror.normal) != d or (symmetry and symmetry.reason(mirror)):
                 raise ValueError(
                     f"level set: {mirror} is no {name} of the body or of its solid regions; "
-                    f"{name.replace(' ', '_')}s(domain) finds those that it has"
+                    f"{name.replace(' ', '_')}s(domain) lists the symmetries of a body"
                 )
         return tuple(checked)
 
@@ -235,8 +235,8 @@ class LevelSet(Design):
             extents = " x ".join(f"{extent:.4g} m" for extent in high - low)
             raise ValueError(
                 f"level set: {argument} is too large for the body of {extents}, as knots "
-                f"{distance:.4g} m apart leave fewer than 3 across it; take a smaller one, in "
-                "metres"
+                f"{distance:.4g} m apart leave fewer than 3 across it; take a smaller {argument}, "
+                "in metres"
             )
         count = math.prod(map(float, counts))
         with on_every_rank(self.domain.comm, "level set"):

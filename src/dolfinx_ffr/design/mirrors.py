@@ -32,7 +32,7 @@ SHARE = 0.02
 
 @dataclass(frozen=True)
 class Mirror:
-    """A line in the plane of the body, in space a plane.
+    """A mirror line of a body in the plane, or a mirror plane of a body in space.
 
     Attributes:
         point: On the line or plane, shape (dimension,) [m].
@@ -277,10 +277,10 @@ def _confirmed(
         else:
             mirrors.append(mirror)
     if not mirrors:
-        meshed = "a mesh with mirror images of its cells has them, and " * (domain.dimension == 3)
+        meshed = "take a mesh with mirror images of its cells, or " * (domain.dimension == 3)
         warnings.warn(
-            f"{what}: none of the body through its centroid; looked for were "
-            f"{'; '.join(reasons)}; {meshed}others than these can be given by hand",
+            f"{what}: the body has no mirror symmetry through its centroid: {'; '.join(reasons)}; "
+            f"{meshed}give other mirrors by hand",
             stacklevel=3,
         )
     return mirrors

@@ -7,12 +7,6 @@ from .adjoint import Bars as Bars
 from .adjoint import adjoint
 from .equations import ACCELERATIONS, CONSTRAINTS, FORCES
 from .failures import SimulationError as SimulationError
-from .integration.certificate import CHOICE as CHOICE
-from .integration.certificate import Certificate as Certificate
-from .integration.certificate import Judge as Judge
-from .integration.certificate import Run as Run
-from .integration.certificate import certified as certified
-from .integration.certificate import relative_change as relative_change
 from .integration.compiled import INTEGRATORS as INTEGRATORS
 from .integration.compiled import compile_kernels as compile_kernels
 from .integration.compiled import compile_side_by_side as compile_side_by_side
@@ -20,11 +14,11 @@ from .integration.compiled import compiled_functions as compiled_functions
 from .integration.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from .integration.radau import RadauIIA as RadauIIA
 from .integration.stages import stage_integrals as stage_integrals
-from .integration.time_interval import StepChoice as StepChoice
+from .integration.step_choice import StepChoice as StepChoice
+from .integration.step_choice import StepSearch as StepSearch
+from .integration.step_choice import recorded as recorded
+from .integration.step_choice import restored_method as restored_method
 from .integration.time_interval import TimeInterval as TimeInterval
-from .integration.time_interval import recorded as recorded
-from .integration.time_interval import refined as refined
-from .integration.time_interval import restored_method as restored_method
 from .kinematics import (
     IN_SPACE,
     Kinematics,

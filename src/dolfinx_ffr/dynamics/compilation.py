@@ -276,8 +276,9 @@ class Compiled:
 def _warn_of_no_cache() -> None:
     """Warn once that compiled code cannot be cached."""
     warnings.warn(
-        "the time integration is compiled in each run: neither the package's directory nor a cache "
-        "directory can be written; let NUMBA_CACHE_DIR name one that can",
+        "the time integration is compiled in each run, because neither the package's directory "
+        "nor a cache directory can be written; set NUMBA_CACHE_DIR to a directory that can be "
+        "written",
         stacklevel=2,
     )
 

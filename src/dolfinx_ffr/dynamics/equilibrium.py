@@ -89,7 +89,7 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> tuple[Array
     if frequencies.size and abs(frequencies[0]) <= _neutral(M, K):
         name = _moving_body(model, M, shapes[:, 0])
         raise ValueError(
-            f"the mechanism has no static equilibrium of its own: body {name!r} can move without "
+            f"the mechanism has no unique static equilibrium: body {name!r} can move without "
             "resistance; hold it by a joint, a drive or a spring, or start with Assembled()"
         )
     if not converged:

@@ -19,7 +19,7 @@ NEARLY_SINGULAR = 0.05
 
 
 class SimulationError(RuntimeError):
-    """The time integration came to an end before its time.
+    """The time integration stopped before the end time.
 
     Its ``message`` tells time, body and joint.
     """

@@ -330,8 +330,8 @@ def _refuse_redundant(model: FlatModel, jacobian: Array) -> None:
     count = model.rows - rank
     raise ValueError(
         f"{count} of the {model.rows} constraints {'is' if count == 1 else 'are'} redundant; "
-        f"joints involved: {involved}. Remove what another joint already holds, or start from a "
-        f"position that is not singular{_proposal(model, scaled, rank)}"
+        f"joints involved: {involved}. Remove constraints that another joint already imposes, or "
+        f"start from a position that is not singular{_proposal(model, scaled, rank)}"
     )
 
 

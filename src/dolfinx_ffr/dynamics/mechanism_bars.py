@@ -216,9 +216,9 @@ class _Differences:
         rebuilt_start = _start_of(rebuilt.model.mechanism, self.model)
         if np.any(changed) or not np.allclose(start, rebuilt_start, OPTIONS.different):
             raise ValueError(
-                "parameters: the function that makes the mechanism returns another one for the "
-                "same values: it draws random numbers, counts its calls or reads a clock; let it "
-                "depend on its arguments alone, as by numbers that are drawn once outside of it"
+                "parameters: the function returns different mechanisms for the same values, as it "
+                "draws random numbers, counts its calls or reads a clock; let it depend on its "
+                "arguments alone"
             )
         with suppress(TypeError):  # some callables take no weak references
             _REPEATABLE.add(build)
@@ -364,9 +364,9 @@ class _Differences:
                 pairs = zip(weights, states, strict=True)
                 return [(side * weight / h, state) for weight, state in pairs]
         raise ValueError(
-            "its slopes from below and from above differ, however near to its value they are "
-            "taken, as where the function that makes the mechanism has an `if`, a maximum or a "
-            "rounding at this value: use a smooth function, or another value"
+            "slopes of the mechanism from below and from above differ at this value, as with an "
+            "`if`, a maximum or a rounding in the function that makes the mechanism: use a smooth "
+            "function, or another value"
         )
 
     def _bent(self, begin: _State, end: _State, middle: _State) -> bool:
@@ -466,14 +466,17 @@ def _check_same(old: FlatModel, new: FlatModel) -> None:
         a, b = getattr(old.arrays, name), getattr(new.arrays, name)
         if a.shape != b.shape or (name in _TOPOLOGY and a.tobytes() != b.tobytes()):
             raise ValueError(
-                "what the joints and forces are made of changes with it, as where a stiffness or a "
-                "length becomes zero"
+                "joints and forces depend on different quantities at a nearby value, as where a "
+                "stiffness or a length becomes zero"
             )
     if np.any((old.arrays.beta > 0.0) != (new.arrays.beta > 0.0)):
-        raise ValueError("stiffness-proportional damping appears with it; keep it above zero")
+        raise ValueError(
+            "at zero it would add stiffness-proportional damping to a body without damping; keep "
+            "it above zero"
+        )
     if not np.array_equal(old.tables.jumps, new.tables.jumps):
         a, b = old.tables.jumps, new.tables.jumps
         raise ValueError(
-            f"the times of jumps depend on it, {a} and {b} s; steps end there and stay where they "
-            "are: keep these times, or give a motion without jumps, as Motion.polynomial"
+            f"the times of jumps depend on it, {a} and {b} s, but steps end at fixed times: keep "
+            "the times of jumps, or give a motion without jumps, as Motion.polynomial"
         )

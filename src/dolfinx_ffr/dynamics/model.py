@@ -263,8 +263,8 @@ def check_dimension(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals])
         if dimension is not None and dimension != d:
             raise ValueError(
                 f"{name_of_part} is {phrase[dimension]}, but body {first_body!r} is {phrase[d]}; "
-                "all parts of a mechanism must be in the plane, or all in space (three components, "
-                "a rotation)"
+                "give all parts of a mechanism in the plane, or all in space (three components, a "
+                "rotation)"
             )
     return d
 

@@ -58,8 +58,9 @@ def forces_on_frame(model: FlatModel, joints: Sequence[str]) -> tuple[Integers, 
             ends, kind = arrays.vector_body[[first_end, second_end]] >= 0, arrays.kind[row]
             if ends[0] == ends[1]:
                 raise ValueError(
-                    f"joint force: joint {name!r} is between bodies; of several joints the forces "
-                    "on the frame add up, those of joints on the ground or on moving markers"
+                    f"joint force: joint {name!r} connects two bodies, but forces of several "
+                    "joints add up to the force on the frame; give joints on the ground or on "
+                    "moving markers"
                 )
             if kind == RowKind.POINT:
                 force = np.broadcast_to(arrays.normal[row], shape)
@@ -68,7 +69,7 @@ def forces_on_frame(model: FlatModel, joints: Sequence[str]) -> tuple[Integers, 
             else:
                 raise ValueError(
                     f"joint force: the force of joint {name!r} turns with a body, so that it "
-                    "cannot be added to others; let its line be one of the frame"
+                    "cannot be added to others; give its line in axes of the frame"
                 )
             rows.append(int(row))
             along.append(force if ends[0] else -force)

@@ -84,7 +84,7 @@ class Numbers:
         """The numbers of another model, (numbers,); OtherLawError: a signal is of another kind."""
         entries = list(_entries(model))
         if len(entries) != len(self._entries):
-            raise ValueError("the number of vectors on which joints and forces depend changes")
+            raise ValueError("the joints and forces depend on another number of vectors")
         return np.concatenate(self._groups_of(model, entries))
 
     def _groups_of(self, model: FlatModel, entries: list[_Entry]) -> list[Array]:

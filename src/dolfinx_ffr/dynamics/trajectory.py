@@ -226,12 +226,12 @@ class Trajectory(Shown):
         begin, end = self.t[0], self.t[-1]
         slack = 1e-12 * (end - begin)  # of times that are sums
         if not times.size or np.any(np.diff(times) < 0.0):
-            raise ValueError("trajectory.at: the times must grow, and there must be one at least")
+            raise ValueError("trajectory.at: times must increase, and there must be at least one")
         if times[0] < begin - slack or times[-1] > end + slack:
             outside = times[0] if times[0] < begin - slack else times[-1]
             raise ValueError(
-                f"trajectory.at: the motion goes from {begin:g} to {end:g} s, and nothing is known "
-                f"at {outside:g} s"
+                f"trajectory.at: the motion lasts from {begin:g} to {end:g} s and is not defined "
+                f"at {outside:g} s; give times within it"
             )
         times = np.clip(times, begin, end)
         if not self.follows_turns:
@@ -326,8 +326,8 @@ class Trajectory(Shown):
         point, columns = self._marker(body, marker), self.model.coordinates(body)
         if not point.planar:
             raise ValueError(
-                f"marker {marker!r} of body {body!r} is in space, where no angle tells its "
-                "rotation; take the matrices of marker_rotation(body, marker)"
+                f"marker {marker!r} of body {body!r} is in space, where a rotation is no angle; "
+                "take the matrices of marker_rotation(body, marker)"
             )
         return np.asarray(self.y[:, columns.rotation] + self.elastic(body) @ point.rotation)
 
@@ -348,7 +348,9 @@ class Trajectory(Shown):
             raise ValueError(f"no body {body!r}; the bodies are {list(self.model.bodies)}")
         markers = self.model.bodies[body].markers
         if marker not in markers:
-            raise ValueError(f"body {body!r} has no marker {marker!r}, but {list(markers)}")
+            raise ValueError(
+                f"body {body!r} has no marker {marker!r}; its markers are {list(markers)}"
+            )
         return markers[marker]
 
     def _marker_motion(self, body: str, marker: str) -> MarkerMotion:
@@ -388,8 +390,8 @@ class Trajectory(Shown):
         for name in drives:
             if name not in self.model.drives:
                 raise ValueError(
-                    f"joint {name!r} drives nothing, so that it has no power; the joints with a "
-                    f"motion or a marker in prescribed motion are {self.model.drives}"
+                    f"joint {name!r} has no drive and no power; the joints with a motion or a "
+                    f"marker in prescribed motion are {self.model.drives}"
                 )
         kinematics, multipliers = self.of_joints(drives)
         power = np.zeros(len(self.t))

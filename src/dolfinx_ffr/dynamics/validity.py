@@ -149,8 +149,8 @@ def _placements(trajectory: Trajectory) -> Warnings:
     joint, gap = widest_gap(model)
     yield (
         PlacementWarning,
-        f"body {body!r} starts {distance:.3g} m and {angle:.2g} rad from its "
-        f"placement, as the joints close no nearer; joint {joint!r} is open the most in the "
+        f"body {body!r} starts {distance:.3g} m and {angle:.2g} rad from its placement, because "
+        f"the joints do not close nearer to it; joint {joint!r} is open the most in the "
         f"placements, by {gap}. Correct the placement, or the joint",
     )
 
@@ -183,8 +183,8 @@ def _reversed_axes(trajectory: Trajectory) -> Warnings:
     if joint is not None:
         yield (
             TimeStepWarning,
-            f"joint {joint!r} has its axis reversed at the end: a step was so long that the joint "
-            "closed the other way round; take shorter steps",
+            f"joint {joint!r} has its axis reversed at the end, because it closed the other way "
+            "round after a long step; take shorter steps",
         )
 
 
@@ -202,9 +202,9 @@ def _tilted_axes(trajectory: Trajectory) -> Warnings:
         if tilt > LIMITS.tilt:
             yield (
                 TiltedAxisWarning,
-                f"{what}: the axes of its markers part by {math.asin(min(tilt, 1.0)):.2g} rad, and "
-                f"an angle about them means little beyond {LIMITS.tilt:g}: hold its axis by a "
-                "joint (Revolute, Cylindrical), or, of a Bushing, make it stiffer about all axes",
+                f"{what}: the axes of its markers differ by {math.asin(min(tilt, 1.0)):.2g} rad, "
+                f"but an angle about them is meaningful up to {LIMITS.tilt:g} rad only: hold the "
+                "axis by a joint (Revolute, Cylindrical), or make a Bushing stiffer about all axes",
             )
 
 
@@ -240,7 +240,7 @@ def _turns(trajectory: Trajectory) -> Warnings:
             yield (
                 TimeStepWarning,
                 f"body {name!r} turns by up to {turn:.2g} rad in one time step about an axis that "
-                f"moves, which takes steps below {LIMITS.turn:g} rad to follow: take "
+                f"moves, but steps should turn it by less than {LIMITS.turn:g} rad: take "
                 f"{math.ceil(steps * turn / LIMITS.turn)} steps instead of {steps}",
             )
 
@@ -254,19 +254,19 @@ def _lost_vibrations(trajectory: Trajectory) -> Warnings:
     flexible = any(body.modes for body in trajectory.model.bodies.values())
     what = "strain energy" if flexible else "square of the accelerations"
     cause = "the start" if lost.time == 0.0 else f"the jump at t = {lost.time:.4g} s"
-    remedy = "Take TimeInterval(end_time, tolerance), which finds steps that keep them"
+    remedy = "Take TimeInterval(end_time, tolerance), which finds steps that resolve them"
     if method.chosen_for is not None:
         remedy = (
             f"These steps were chosen for an error of {method.chosen_for:.1e} of other designs; "
-            "judge them here by model_report, choose anew by Problem.with_steps_for"
+            "estimate their error for this design by model_report, or choose steps by "
+            "Problem.with_steps_for"
         )
     yield (
         TimeStepWarning,
-        f"{cause} excites vibrations, of {lost.frequency:.4g} Hz first of all, that would make "
-        f"{100.0 * lost.share:.2g} percent of the mean {what}: {method.in_words} damp them away, "
-        f"the machine does not. {remedy}, let loads and drives set in smoothly "
-        "(Motion.smooth_step), begin in StaticEquilibrium(), or give the bodies the damping that "
-        "they have (RayleighDamping)",
+        f"{cause} excites vibrations, the first of {lost.frequency:.4g} Hz, with "
+        f"{100.0 * lost.share:.2g} percent of the mean {what}: {method.in_words} damp them, the "
+        f"machine does not. {remedy}, let loads and drives begin smoothly (Motion.smooth_step), "
+        "begin in StaticEquilibrium(), or give the bodies their damping (RayleighDamping)",
     )
 
 
@@ -294,10 +294,10 @@ def _unjudged_forces(trajectory: Trajectory) -> Warnings:
         return
     yield (
         TimeStepWarning,
-        "the steps keep their tolerance in the motion, and not in the forces in joints, which no "
-        "steps follow: links come into line, where forces grow without bound, or a load or a "
-        "motion is noise. Forces at single instants may be far off; their means over time, and "
-        "objectives that take them, are told by TimeInterval(end_time, tolerance)",
+        "the steps keep their tolerance in the motion, but not in the forces in joints, which "
+        "grow without bound as links come into line, or follow a noisy load or motion. Forces at "
+        "single instants may be wrong; TimeInterval(end_time, tolerance) estimates their means "
+        "over time, and objectives that use them",
     )
 
 
@@ -314,9 +314,9 @@ def _loads(trajectory: Trajectory) -> Warnings:
     k = short[int(np.argmin(lengths[short]))]
     yield (
         TimeStepWarning,
-        f"a load or a motion changes within {lengths[k]:.2g} s at t = {begins[k]:.6g} s, and the "
-        f"time steps of {steps[k]:.2g} s there do not see it as it is: take shorter ones, or "
-        "TimeInterval(end_time, tolerance), which finds steps that do",
+        f"a load or a motion changes within {lengths[k]:.2g} s at t = {begins[k]:.6g} s, which "
+        f"time steps of {steps[k]:.2g} s do not resolve: take shorter steps, or "
+        "TimeInterval(end_time, tolerance)",
     )
 
 
@@ -347,10 +347,10 @@ def _steps(trajectory: Trajectory) -> Warnings:
         enough = max(math.ceil(steps * factor), LIMITS.fewest_steps)
         yield (
             TimeStepWarning,
-            f"the time steps are too long for the motion: there are "
-            f"{2.0 * math.pi / math.sqrt(squared):.2g} to an oscillation of its {what}, an "
-            f"estimated relative error of {error(squared):.1g} in them and of "
-            f"more in psi; take {enough} steps instead of {steps}, or see {remedy}",
+            f"the time steps are too long for the motion: an oscillation of its {what} has "
+            f"{2.0 * math.pi / math.sqrt(squared):.2g} steps, with an estimated relative error of "
+            f"{error(squared):.1g}, and a larger error of psi; take {enough} steps instead of "
+            f"{steps}, or see {remedy}",
         )
 
 
@@ -400,8 +400,8 @@ def _softening(trajectory: Trajectory) -> dict[str, str]:
         time, speed = f"at t = {trajectory.t[k]:.4g} s", float(np.linalg.norm(turning[k]))
         if arrays.stiffened[b]:
             text = (
-                f"loses its stiffness {time}, where it turns with {speed:.4g} rad/s, in spite of "
-                "geometric stiffening: while that lasts,"
+                f"loses its stiffness {time}, when it turns with {speed:.4g} rad/s, in spite of "
+                "geometric stiffening: as long as it turns so fast,"
             )
         else:
             text = (

@@ -12,6 +12,7 @@ from ..arrays import Array as Array
 from .curves import Arc, Curve, CurveError, Line, ShapeError, Spline, enclosed
 from .curves import polygon as polygon
 from .domain import Domain as Domain
+from .drawing import Drawing, Face, outer_sides, ring
 from .drawn_outline import FlatHole
 from .elasticity import Block as Block
 from .elasticity import (
@@ -26,7 +27,6 @@ from .elasticity import (
     summed,
 )
 from .elasticity import Elasticity as Elasticity
-from .faces import directed_faces, ring
 from .holes_in_space import SpatialHole
 from .interface import Bore as Bore
 from .interface import Box as Box
@@ -46,18 +46,7 @@ from .material import SuppressedVoidMass as SuppressedVoidMass
 from .mesh_checks import connected, floating_cells
 from .nodes import MeshNodes, add_ghosts, gathered_nodes, laplace
 from .outline import closed_outline, read_outline
-from .plane_mesh import (
-    Drawing,
-    Face,
-    LocalSizes,
-    check_size,
-    face_polygon,
-    gmsh_model,
-    mesh_faces,
-    quiet,
-    surfaces,
-    walked,
-)
-from .rims import with_rims
+from .plane_mesh import LocalSizes, check_size, gmsh_model, mesh_faces, quiet, surfaces
+from .polylines import chord_lengths, cross, turns
 from .stress_recovery import StressRecovery
 from .tetrahedra import DESIGNED, SOLID, VOID, GatheredMesh, Tetrahedra, surface_of

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ..arrays import Array
+from .polylines import chord_lengths
 
 #: Gauss' rule by which an arc of at most a quarter circle is integrated, exact to round-off
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -166,6 +167,12 @@ class Arc(Curve):
         step = 2.0 * np.arccos(max(1.0 - tolerance / self.radius, 0.5))
         return np.linspace(0.0, 1.0, int(np.ceil(abs(self.sweep) / step)) + 1)
 
+    @staticmethod
+    def along(points: Array, center: Array) -> Arc:
+        """The arc from the first to the last of points (n, 2) on a circle about ``center``."""
+        angles = np.unwrap(np.arctan2(*(points - center).T[::-1]))
+        return Arc(points[0], points[-1], center, float(angles[-1] - angles[0]))
+
     def moved(self, start: Array, end: Array) -> Arc:
         if np.array_equal(start, end):
             full_turn = float(np.copysign(2.0 * np.pi, self.sweep))
@@ -296,8 +303,7 @@ class Spline(Curve):
     @staticmethod
     def through(points: Array) -> Spline:
         """A cubic spline through at least four points (n, 2) on a smooth curve [m]."""
-        t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        spline = make_interp_spline(t / t[-1], points, k=3)
+        spline = make_interp_spline(chord_lengths(points), points, k=3)
         control = np.array(spline.c)
         control[0], control[-1] = points[0], points[-1]
         return Spline(np.asarray(spline.t), control, 3)
@@ -306,8 +312,7 @@ class Spline(Curve):
     def around(points: Array) -> Spline:
         """A closed cubic spline, smooth everywhere, around points (n, 2) on a curve [m]."""
         ring = np.vstack([points, points[:1]])
-        t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ring, axis=0), axis=1))])
-        t /= t[-1]
+        t = chord_lengths(ring)
         periodic = make_interp_spline(t, ring, k=3, bc_type="periodic")
         spline = Spline.of(periodic, np.concatenate([np.zeros(3), t, np.ones(3)]), 3)
         spline.control[0] = spline.control[-1] = ring[0]

@@ -118,8 +118,8 @@ class Domain:
         self.cell = _compat.cell_name(domain)
         if self.cell not in CELLS[dim - 2]:
             raise ValueError(
-                f"domain: the mesh has cells of the kind {self.cell!r}, but those of a body are of "
-                f"the kind {' or '.join(CELLS[dim - 2])}"
+                f"domain: the mesh has cells of the kind {self.cell!r}; take cells of the kind "
+                f"{' or '.join(CELLS[dim - 2])}"
             )
         self.comm: MPI.Comm = domain.comm
         domain.topology.create_entities(dim - 1)
@@ -588,8 +588,8 @@ class Domain:
         )
         if overlap:
             raise ValueError(
-                f"domain: {overlap} cells are in the solid region and in the void one; a cell can "
-                "stay only one of them: take them out of one region"
+                f"domain: {overlap} cells are in the solid region and in the void region; take "
+                "them out of one region"
             )
         if not self._anywhere(np.any(self.design_cells)):
             raise ValueError(

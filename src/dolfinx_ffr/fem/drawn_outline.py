@@ -15,6 +15,7 @@ from dolfinx import mesh
 from ..arrays import Array
 from . import _compat
 from .mesh_checks import facet_nodes, vertex_nodes
+from .polylines import angles
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,7 @@ def _on_curves(ring: shapely.LinearRing) -> Array:
     for _ in range(CURVES.halvings):
         chord = np.roll(points, -1, axis=0) - points
         previous_chord = np.roll(chord, 1, axis=0)
-        cross = previous_chord[:, 0] * chord[:, 1] - previous_chord[:, 1] * chord[:, 0]
-        turn = np.arctan2(cross, np.einsum("ij,ij->i", previous_chord, chord))
+        turn = angles(previous_chord, chord)
         turn[np.abs(turn) > CURVES.turn] = 0.0
         bulge = 0.5 * np.tan(0.125 * (turn + np.roll(turn, -1)))
         right = np.column_stack([chord[:, 1], -chord[:, 0]])

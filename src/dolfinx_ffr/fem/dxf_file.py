@@ -32,7 +32,6 @@ def read_dxf(path: Path, scale: float | None, layers: Collection[str] | None) ->
     """
     import ezdxf
 
-    _check_vertices(path)
     try:
         drawing = ezdxf.readfile(path)
     except Exception as error:  # a damaged file fails anywhere in the reader
@@ -66,39 +65,6 @@ def read_dxf(path: Path, scale: float | None, layers: Collection[str] | None) ->
     if not drawn:
         _refuse_paper(path, drawing, visible)
     return drawn
-
-
-def _check_vertices(path: Path) -> None:
-    """Refuse more vertices of polylines than curves are allowed, before the file is parsed.
-
-    Code 0 begins an entity, code 10 is the first coordinate of a point.
-    """
-    vertices = 0
-    in_polyline = False
-    for code, value in _tags(path.read_bytes()):
-        if code == b"0":
-            in_polyline = value == b"LWPOLYLINE"
-            vertices += value == b"VERTEX"
-        elif code == b"10" and in_polyline:
-            vertices += 1
-    subject, remedy = f"outline {path}: the vertices of polylines", "simplify the polylines"
-    check_count(subject, vertices, "vertices", remedy, most=MOST_CURVES)
-
-
-def _tags(content: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """The pairs of code and value in a DXF file, as texts."""
-    from ezdxf.lldxf.tagger import binary_tags_loader
-
-    if content.startswith(b"AutoCAD Binary DXF"):
-        try:
-            for tag in binary_tags_loader(content):
-                yield str(tag.code).encode(), str(tag.value).encode()
-        except Exception:  # whatever is damaged, the reader of the whole file says
-            return
-    else:
-        lines = content.splitlines()
-        for code, value in zip(lines[::2], lines[1::2], strict=False):
-            yield code.strip(), value.strip()
 
 
 def _refuse_paper(path: Path, drawing: Any, visible: _Visible) -> None:
@@ -198,13 +164,13 @@ class _Visible:
                     )
                 if entity.has_extension_dict and "ACAD_FILTER" in entity.get_extension_dict():
                     raise ValueError(
-                        f"outline {self.path}: an insert of the block {name!r} is clipped, of "
-                        "which nothing is known here; explode it, and trim its curves"
+                        f"outline {self.path}: an insert of the block {name!r} is clipped, which "
+                        "is not supported; explode it, and trim its curves"
                     )
                 if name.lower() in above:
                     raise ValueError(
-                        f"outline {self.path}: the block {name!r} holds itself; delete the insert "
-                        "in it, or explode it"
+                        f"outline {self.path}: the block {name!r} contains itself; delete the "
+                        "insert in it, or explode it"
                     )
                 if name.lower() not in counts:
                     counts[name.lower()] = curves(block, (*above, name.lower()))
@@ -212,7 +178,7 @@ class _Visible:
             return number
 
         subject, count = f"outline {self.path}", curves(drawing.modelspace(), ())
-        remedy = "delete blocks that are no outline"
+        remedy = "simplify polylines, or delete blocks that are no outline"
         check_count(subject, count, "curves", remedy, most=MOST_CURVES)
 
 

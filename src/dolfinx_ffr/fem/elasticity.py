@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import warnings
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -128,8 +128,9 @@ class Elasticity:
             self._factors = [ufl.as_ufl(k) for k in interpolation.on(domain.mesh, self._density)]
             if not all(map(is_cellwise_constant, self._factors)):
                 raise ValueError(
-                    "body: the factors of the interpolation vary within cells; what varies there "
-                    "belongs to the material"
+                    "body: the factors of the interpolation vary within cells; give an "
+                    "interpolation that depends on the density alone, and put other variation "
+                    "into the material"
                 )
             stiffness = self._stiffness_density(u, v) * dx
             mass = self._mass_density(u, v) * dx
@@ -255,13 +256,11 @@ class Elasticity:
 
         At the density ``x`` (cells,) and fixed fields, shape (cells,).
         """
-        total = np.zeros(self.domain.n_cells)
-        block_pairs = (pairs.phi, pairs.kappa), (pairs.w, pairs.y)
-        for block_pair, (matrices, slopes) in zip(block_pairs, self._cell_slopes(x), strict=True):
-            for chunk, products in self._products(*block_pair, matrices.shape[1]):
-                energies = np.einsum("cij,cij->c", matrices[chunk], products)
-                total[chunk] += slopes[chunk] * energies
-        return total
+        stiffness, mass = self._solid_matrices
+        stiffness_energies = self._energies(stiffness, pairs.phi, pairs.kappa)
+        mass_energies = self._energies(mass, pairs.w, pairs.y)
+        stiffness_slopes, mass_slopes = self._slopes(x)
+        return stiffness_slopes * stiffness_energies + mass_slopes * mass_energies
 
     def add_node_gradient(self, nodes: Array, x: Array, pairs: FieldPairs) -> None:
         """Add the derivative of the same sum by the nodes to ``nodes``, from `MeshNodes.zeros`.
@@ -275,61 +274,75 @@ class Elasticity:
             # it adds: a new vector for each pair of fields would mean new communicators
             fem.assemble_vector(nodes, self._node_form)
 
-    def _cell_slopes(self, x: Array) -> Iterator[tuple[Array, Array]]:
-        """Matrices of `_solid_cells`, and slopes of their factors at a density ``x``, (cells,)."""
+    @cached_property
+    def _slope_forms(self) -> list[fem.Form | None]:
+        """Slopes of the factors of stiffness and mass times volumes; None for a constant factor."""
+        return [
+            self.density_form(factor * self._dx)
+            if self._density in extract_coefficients(factor)
+            else None
+            for factor in self._factors
+        ]
+
+    def _slopes(self, x: Array) -> list[Array]:
+        """Slopes of the factors of stiffness and mass at a density ``x``, shape (cells,) each."""
         self.set_density(x)
-        for matrices, form in self._solid_cells:
-            slopes = self.cell_zeros()
+        slopes = []
+        for form in self._slope_forms:
+            times_volume = self.cell_zeros()
             if form is not None:
-                fem.assemble_vector(slopes, form)
-            yield matrices, slopes[: self.domain.n_cells] / self.domain.cell_volumes
+                fem.assemble_vector(times_volume, form)
+            slopes.append(times_volume[: self.domain.n_cells] / self.domain.cell_volumes)
+        return slopes
 
     @cached_property
-    def _solid_cells(self) -> list[tuple[Array, fem.Form | None]]:
-        """Matrices of solid cells, and the forms of their factors' slopes times volumes.
+    def _solid_matrices(self) -> tuple[Array, Array]:
+        """Matrices of solid cells: stiffness (cells, dofs, dofs), and mass (cells, nodes, nodes).
 
-        Stiffness (cells, dofs, dofs), and mass (cells, nodes, nodes) of one component of
-        displacements. Cells that are alike but for round-off share one. None: no slopes.
+        The mass is that of one component of displacements.
+        """
+        return (
+            self._cell_matrices(self._solid_stiffness, 1),
+            self._cell_matrices(self._solid_mass, self.dimension),
+        )
+
+    def _cell_matrices(self, density: Callable[[Any, Any], Expr], step: int) -> Array:
+        """Matrices of a bilinear form by its density, of every ``step``-th dof of each cell.
+
+        Cells that are alike but for round-off share one.
         """
         function, test = fem.Function(self.cell_space), ufl.TestFunction(self.cell_space)
-        densities, solid_cells = (
-            ((self._solid_stiffness, 1), (self._solid_mass, self.dimension)),
-            [],
-        )
-        for (density, step), factor in zip(densities, self._factors, strict=True):
-            form, rows = fem.form(density(function, test) * self._dx), []
-            for unit in np.eye(self._cell_dofs.shape[1])[::step]:
-                self.set_cells(function, unit)
-                values = np.zeros(len(function.x.array))
-                fem.assemble_vector(values, form)
-                row = values[self._cell_dofs[:, ::step]]
-                equal = (
-                    len(row) and np.ptp(row, axis=0).max() <= ELASTICITY.alike * np.abs(row).max()
-                )
-                rows.append(row[:1] if equal else row)
-            matrices = np.stack(np.broadcast_arrays(*rows), axis=1)
-            shape = self.domain.n_cells, *matrices.shape[1:]
-            follows = self._density in extract_coefficients(factor)
-            slopes = self.density_form(factor * self._dx) if follows else None
-            solid_cells.append((np.broadcast_to(matrices, shape), slopes))
-        return solid_cells
+        form, rows = fem.form(density(function, test) * self._dx), []
+        for unit in np.eye(self._cell_dofs.shape[1])[::step]:
+            self.set_cells(function, unit)
+            values = np.zeros(len(function.x.array))
+            fem.assemble_vector(values, form)
+            row = values[self._cell_dofs[:, ::step]]
+            round_off = ELASTICITY.alike * np.max(np.abs(row), initial=0.0)
+            equal = len(row) > 0 and np.max(np.ptp(row, axis=0)) <= round_off
+            rows.append(row[:1] if equal else row)
+        matrices = np.stack(np.broadcast_arrays(*rows), axis=1)
+        return np.broadcast_to(matrices, (self.domain.n_cells, *matrices.shape[1:]))
 
-    def _products(self, a: Block, b: Block, size: int) -> Iterator[tuple[slice, Array]]:
-        """Sums over the columns of two blocks of products of values at some cells at a time.
+    def _energies(self, matrices: Array, left: Block, right: Block) -> Array:
+        """Sum over the columns of two blocks of left^T A right in each cell, shape (cells,).
 
-        Shape (cells, size, size), with their places; of ``size`` nodes components are summed, too.
+        The ``matrices`` A are of the dofs of cells, or of their nodes for each component.
         """
-        if a.shape[1] == 0:
-            return
+        energies, size = np.zeros(self.domain.n_cells), matrices.shape[1]
+        if left.shape[1] == 0:
+            return energies
         nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
-        a, b = self._by_nodes(a), self._by_nodes(b)
-        for chunk in (
-            slice(i, i + ELASTICITY.cells) for i in range(0, len(nodes), ELASTICITY.cells)
-        ):
-            left_values, right = (
-                k[nodes[chunk]].reshape(len(nodes[chunk]), size, -1) for k in (a, b)
+        left, right = self._by_nodes(left), self._by_nodes(right)
+        for begin in range(0, len(nodes), ELASTICITY.cells):
+            chunk = slice(begin, begin + ELASTICITY.cells)
+            rows, columns = (
+                values[nodes[chunk]].reshape(len(nodes[chunk]), size, -1)
+                for values in (left, right)
             )
-            yield chunk, left_values @ right.swapaxes(1, 2)
+            products = rows @ columns.swapaxes(1, 2)
+            energies[chunk] = np.einsum("cij,cij->c", matrices[chunk], products)
+        return energies
 
     def cell_derivatives(self, x: Array, w: Block, phi: Block) -> tuple[CellFields, CellFields]:
         """(dM/dx_e) w_a and (dK/dx_e) phi_i on the nodes of element e, for every element.
@@ -339,12 +352,15 @@ class Elasticity:
         with nodes as in the space's dofmap.
         """
         derivatives = []
-        for block, (matrices, slopes) in zip((phi, w), self._cell_slopes(x), strict=True):
+        for block, matrices, slopes in zip(
+            (phi, w), self._solid_matrices, self._slopes(x), strict=True
+        ):
             local = self.at_cells(block)
             size = len(local), matrices.shape[1], local[:1].size // matrices.shape[1]
             forces = slopes[:, None, None] * (matrices.swapaxes(1, 2) @ local.reshape(size))
             derivatives.append(forces.reshape(local.shape))
-        return derivatives[1], derivatives[0]
+        stiffness_forces, mass_forces = derivatives
+        return mass_forces, stiffness_forces
 
     def at_cells(self, block: Block) -> CellFields:
         """The fields of a ``block`` on the nodes of each cell owned by this rank."""
@@ -566,9 +582,8 @@ def warn_of_thickness(domain: Domain, material: ElasticMaterial) -> None:
     if thickness > thickest * extent and not (material.out_of_plane and thickness == 1.0):
         warnings.warn(
             f"body: the thickness {thickness:g} m of {name} is {thickness / extent:.3g} times the "
-            f"extent of the body in its plane, {extent:.3g} m: are density and thickness in the "
-            f"wrong order, which is {name}(young, poisson, density, thickness), or in other units "
-            "than the mesh?",
+            f"extent of the body in its plane, {extent:.3g} m: check the order of density and "
+            f"thickness, {name}(young, poisson, density, thickness), and the units of the mesh",
             stacklevel=4,
         )
 

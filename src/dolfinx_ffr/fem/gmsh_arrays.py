@@ -133,8 +133,9 @@ def _blocks(model: Any, dim: int, source: str) -> tuple[int, list[tuple[int, str
             if kind not in CELLS and kind not in COMPLETE:
                 raise ValueError(
                     f"{source}: the cells of {group!r} are of the kind {kind_name}, of order "
-                    f"{order}; taken are triangles, quadrilaterals and tetrahedra of order 1 to 3 "
-                    "and hexahedra of order 1 and 2: mesh it with order 2 (Mesh.ElementOrder)"
+                    f"{order}; supported are triangles, quadrilaterals and tetrahedra of order 1 "
+                    "to 3 and hexahedra of order 1 and 2: mesh the body with order 2 "
+                    "(Mesh.ElementOrder)"
                 )
             group_of_kind.setdefault(int(kind), group)
             blocks.append((entity, group, np.asarray(node_tags, np.int64).reshape(-1, width)))

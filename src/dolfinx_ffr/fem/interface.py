@@ -71,7 +71,7 @@ class Box:
         if len(low) != len(high) or len(low) not in (2, 3) or not np.all(low < high):
             raise ValueError(
                 f"box: lower {self.lower} and upper {self.upper} are no corners; give two or three "
-                "coordinates each, of which those of lower are smaller"
+                "coordinates each, all of lower smaller than of upper"
             )
 
     def __call__(self, x: Array) -> Mask:

@@ -12,10 +12,10 @@ import shapely
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers
-from .curves import Curve, Drawn, enclosed, polygon
+from .curves import Curve, Drawn, polygon
+from .drawing import CurveLoop, CurveSide, Drawing, Face
 from .interface import Bore
 from .mesh_checks import connected
-from .plane_mesh import Drawing, Face, face_polygon, walked
 
 
 @dataclass(frozen=True)
@@ -72,38 +72,30 @@ def _drawing(
     """The faces of `closed_outline`, of curves that all count."""
     extent = 0.0
     if drawn:
-        extent = float(
-            np.max(np.ptp(samples([drawn_curve.curve for drawn_curve in drawn]), axis=0))
-        )
+        extent = float(np.max(np.ptp(samples([curve.curve for curve in drawn]), axis=0)))
     tolerance, fine = DRAWING.joined * extent, DRAWING.fine * extent
-    long_enough = [drawn_curve for drawn_curve in drawn if drawn_curve.curve.length > tolerance]
+    long_enough = [curve for curve in drawn if curve.curve.length > tolerance]
     if not long_enough:
         raise ValueError(f"{source}: it holds no curve that has a length")
 
     once = _once(long_enough, tolerance)
-    curves, nodes = _joined([drawn_curve.curve for drawn_curve in once], tolerance)
+    curves, nodes = _joined([curve.curve for curve in once], tolerance)
     curves, nodes = _bridged(curves, nodes, fine if gap is None else gap)
-    without_curls = _without_curls(source, curves, nodes)
-    once = [replace(once[i], curve=curves[i]) for i in without_curls]
-    curves, nodes = [drawn_curve.curve for drawn_curve in once], [nodes[i] for i in without_curls]
+    chosen = _without_curls(source, curves, nodes)
+    groups = [""] * len(chosen)
+    lines = Drawing([curves[i] for i in chosen], [nodes[i] for i in chosen], groups, [])
+    layers = [once[i].names for i in chosen]
 
-    closed = _closed(nodes)
-    loops = _loops(nodes, closed)
+    closed = _closed(lines.nodes)
+    loops = _loops(lines.nodes, closed)
     if inside is None:
-        _refuse_open(source, once, nodes)
-        faces = _faces(source, curves, loops, fine)
+        _refuse_open(source, lines, layers, range(len(chosen)))
+        faces = _faces(source, lines, loops, fine)
     else:
-        faces = [_face_around(source, curves, loops, fine, inside)]
-        stray = sorted(set(range(len(curves))) - set(closed))
-        meeting = _meeting(faces[0], curves, stray, fine)
-        _refuse_open(source, [once[i] for i in meeting], [nodes[i] for i in meeting])
-        if meeting:
-            raise ValueError(
-                f"{source}: a curve at {_point(curves[meeting[0]].start)}"
-                f"{_on([once[meeting[0]]])} meets the part, and is no boundary of it; delete it, "
-                "or name the layers of the outline by layers=[...]"
-            )
-    return _grouped(source, Drawing(curves, nodes, [""] * len(curves), faces), once, named, fine)
+        faces = [_face_around(source, lines, loops, fine, inside)]
+        stray = sorted(set(range(len(chosen))) - set(closed))
+        _refuse_stray(source, lines, layers, stray, lines.polygon(faces[0].loops, fine), fine)
+    return _grouped(source, replace(lines, faces=faces), layers, named, fine)
 
 
 def _refuse_unknown_names(
@@ -123,16 +115,14 @@ def _refuse_unknown_names(
 def _grouped(
     source: str,
     drawing: Drawing,
-    drawn: Sequence[Drawn],
+    layers: Sequence[frozenset[str]],
     named: Mapping[str, str | Bore],
     fine: float,
 ) -> Drawing:
     """The drawing with the curves of its faces alone, each in the group of its interface."""
     curves = drawing.curves
     holes = [
-        (face_polygon(curves, [loop], fine), loop)
-        for face in drawing.faces
-        for loop in face.loops[1:]
+        (drawing.polygon([loop], fine), loop) for face in drawing.faces for loop in face.loops[1:]
     ]
     used = sorted({i for face in drawing.faces for loop in face.loops for i, _ in loop})
     groups = dict.fromkeys(used, "")
@@ -140,7 +130,7 @@ def _grouped(
         if isinstance(place, Bore):
             members = _bore(source, name, place, holes)
         else:
-            members = [i for i in used if place in drawn[i].names]
+            members = [i for i in used if place in layers[i]]
         if not members:
             raise ValueError(
                 f"{source}: interface {name!r}: no curve of the outline itself is on {place!r}"
@@ -165,7 +155,7 @@ def _bore(
     source: str,
     name: str,
     bore: Bore,
-    holes: Sequence[tuple[shapely.Polygon, Sequence[tuple[int, bool]]]],
+    holes: Sequence[tuple[shapely.Polygon, CurveLoop]],
 ) -> list[int]:
     """The curves of the hole in which the point of a bore lies."""
     point = shapely.Point(*bore.at)
@@ -283,12 +273,16 @@ def _closed(nodes: Sequence[tuple[int, int]]) -> list[int]:
     return [i for i, (node, _) in enumerate(nodes) if piece[node] not in faulty]
 
 
-def _refuse_open(source: str, drawn: Sequence[Drawn], nodes: Sequence[tuple[int, int]]) -> None:
-    """Refuse loose ends of curves, and points where more than two curves meet."""
-    ends_at: dict[int, list[tuple[Array, Drawn]]] = {}
-    for curve, ends in zip(drawn, nodes, strict=True):
-        for node, end in zip(ends, (curve.curve.start, curve.curve.end), strict=True):
-            ends_at.setdefault(node, []).append((end, curve))
+def _refuse_open(
+    source: str, lines: Drawing, layers: Sequence[frozenset[str]], chosen: Sequence[int]
+) -> None:
+    """Refuse loose ends of chosen curves, and points where more than two of them meet."""
+    ends_at: dict[int, list[tuple[Array, int]]] = {}
+    for i in chosen:
+        for node, end in zip(
+            lines.nodes[i], (lines.curves[i].start, lines.curves[i].end), strict=True
+        ):
+            ends_at.setdefault(node, []).append((end, i))
     loose = [ends[0] for ends in ends_at.values() if len(ends) == 1]
     if loose:
         positions, gap = np.array([end for end, _ in loose]), ""
@@ -297,26 +291,48 @@ def _refuse_open(source: str, drawn: Sequence[Drawn], nodes: Sequence[tuple[int,
             gap = f", {1e3 * distance:.3g} mm from the nearest other end"
         raise ValueError(
             f"{source}: the outline is open: {len(loose)} curves end where no other begins, the "
-            f"first at {_point(positions[0])}{_on([loose[0][1]])}{gap}; close it, give a "
+            f"first at {_point(positions[0])}{_on([layers[loose[0][1]]])}{gap}; close it, give a "
             "larger gap=, or name the layers of the outline by layers=[...]"
         )
     several = [ends for ends in ends_at.values() if len(ends) > 2]
     if several:
         raise ValueError(
             f"{source}: {len(several[0])} curves meet at {_point(several[0][0][0])}"
-            f"{_on([curve for _, curve in several[0]])}, where an outline has two; delete what is "
+            f"{_on([layers[i] for _, i in several[0]])}, where an outline has two; delete what is "
             "no outline, as inner lines and axes, or name the layers of the outline by "
             "layers=[...]"
         )
 
 
-def _on(drawn: Sequence[Drawn]) -> str:
-    """The names of some curves, for a message."""
-    names = sorted(frozenset[str]().union(*(curve.names for curve in drawn)))
+def _refuse_stray(
+    source: str,
+    lines: Drawing,
+    layers: Sequence[frozenset[str]],
+    stray: Sequence[int],
+    region: shapely.Polygon,
+    fine: float,
+) -> None:
+    """Refuse stray curves that meet the region of the part."""
+    meeting = [
+        i for i in stray if region.intersects(shapely.LineString(lines.curves[i].points(fine)))
+    ]
+    _refuse_open(source, lines, layers, meeting)
+    if meeting:
+        first = meeting[0]
+        raise ValueError(
+            f"{source}: a curve at {_point(lines.curves[first].start)}{_on([layers[first]])} meets "
+            "the part, and is no boundary of it; delete it, or name the layers of the outline by "
+            "layers=[...]"
+        )
+
+
+def _on(layers: Sequence[frozenset[str]]) -> str:
+    """The layers of some curves, for a message."""
+    names = sorted(frozenset[str]().union(*layers))
     return f" (on {', '.join(map(repr, names))})" if names else ""
 
 
-def _loops(nodes: Sequence[tuple[int, int]], chosen: Sequence[int]) -> list[list[tuple[int, bool]]]:
+def _loops(nodes: Sequence[tuple[int, int]], chosen: Sequence[int]) -> list[list[CurveSide]]:
     """Closed loops of the chosen curves: their numbers, and whether each is walked forward."""
     curves_at: dict[int, list[int]] = {}
     for i in chosen:
@@ -335,40 +351,34 @@ def _loops(nodes: Sequence[tuple[int, int]], chosen: Sequence[int]) -> list[list
     return loops_found
 
 
-def _faces(
-    source: str, curves: Sequence[Curve], loops: list[list[tuple[int, bool]]], fine: float
-) -> list[Face]:
+def _faces(source: str, lines: Drawing, loops: Sequence[CurveLoop], fine: float) -> list[Face]:
     """Loops at even depth with the holes right in them."""
-    shapes = [_shape(source, polygon(walked(curves, loop), fine)) for loop in loops]
+    shapes = [_shape(source, polygon(lines.walked(loop), fine)) for loop in loops]
     rings = [shape.exterior for shape in shapes]
     for i, j in shapely.STRtree(rings).query(rings, predicate="intersects").T:
         if i != j:
             _refuse_touching(source, rings[i].intersection(rings[j]))
     depth, holes = _nesting(shapes)
     return [
-        _face(curves, loops, outer, holes[outer])
+        _face(lines, loops, outer, holes[outer])
         for outer in range(len(loops))
         if depth[outer] % 2 == 0
     ]
 
 
 def _face_around(
-    source: str,
-    curves: Sequence[Curve],
-    loops: list[list[tuple[int, bool]]],
-    fine: float,
-    inside: Array,
+    source: str, lines: Drawing, loops: Sequence[CurveLoop], fine: float, inside: Array
 ) -> Face:
     """The face around a point: the smallest loop around it, and the loops right in that."""
-    lines = [polygon(walked(curves, loop), fine) for loop in loops]
-    shapes = [shapely.Polygon(line) if len(line) > 2 else shapely.Polygon() for line in lines]
+    rings = [polygon(lines.walked(loop), fine) for loop in loops]
+    shapes = [shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon() for ring in rings]
     # a loop that crosses itself counts only where it is the one that is meant
     sound = [shape if shape.is_valid else shapely.Polygon() for shape in shapes]
     point = shapely.Point(inside)
     around = [i for i, shape in enumerate(sound) if shape.contains(point)]
     if not around:
         low, high = (
-            _point(bound(np.vstack(lines), axis=0)) if lines else "no place"
+            _point(bound(np.vstack(rings), axis=0)) if rings else "no place"
             for bound in (np.min, np.max)
         )
         raise ValueError(
@@ -378,15 +388,15 @@ def _face_around(
 
     outer = min(around, key=lambda i: shapes[i].area)
     holes = _nesting(sound)[1][outer]
-    region = shapely.Polygon(lines[outer], [lines[i] for i in holes])
+    region = shapely.Polygon(rings[outer], [rings[i] for i in holes])
     boundary = [outer, *holes]
-    for i, line in enumerate(lines):
-        ring = shapely.LinearRing(line) if len(line) > 2 else shapely.LineString(line)
+    for i, ring in enumerate(rings):
+        edge = shapely.LinearRing(ring) if len(ring) > 2 else shapely.LineString(ring)
         limits = [shapes[j].exterior for j in boundary if j != i] if i in boundary else [region]
         for limit in limits:
-            if ring.intersects(limit):
-                _refuse_touching(source, ring.intersection(limit))
-    return _face(curves, loops, outer, holes)
+            if edge.intersects(limit):
+                _refuse_touching(source, edge.intersection(limit))
+    return _face(lines, loops, outer, holes)
 
 
 def _nesting(shapes: Sequence[shapely.Polygon]) -> tuple[Integers, list[list[int]]]:
@@ -402,16 +412,11 @@ def _nesting(shapes: Sequence[shapely.Polygon]) -> tuple[Integers, list[list[int
     return depth, [sorted(numbers) for numbers in right_within]
 
 
-def _face(
-    curves: Sequence[Curve],
-    loops: Sequence[list[tuple[int, bool]]],
-    outer: int,
-    holes: Sequence[int],
-) -> Face:
+def _face(lines: Drawing, loops: Sequence[CurveLoop], outer: int, holes: Sequence[int]) -> Face:
     """The face within a loop, without its holes; it is on the left of each loop."""
-    directed = []
+    directed: list[CurveLoop] = []
     for i in (outer, *holes):
-        counterclockwise = enclosed(walked(curves, loops[i]))[0] > 0.0
+        counterclockwise = lines.moments([loops[i]])[0] > 0.0
         if counterclockwise == (i == outer):
             directed.append(loops[i])
         else:
@@ -426,14 +431,6 @@ def _refuse_touching(source: str, common: shapely.Geometry) -> None:
         f"{_point(shapely.get_coordinates(common)[0])}; trim them to one boundary, or name the "
         "layers of the outline by layers=[...]"
     )
-
-
-def _meeting(
-    face: Face, curves: Sequence[Curve], candidates: Sequence[int], fine: float
-) -> list[int]:
-    """Numbers of other curves that meet a face."""
-    region = face_polygon(curves, face.loops, fine)
-    return [i for i in candidates if region.intersects(shapely.LineString(curves[i].points(fine)))]
 
 
 def _shape(source: str, ring: Array) -> shapely.Polygon:

@@ -44,7 +44,7 @@ class ElasticMaterial(Protocol):
     """The solid of a body.
 
     Any class with these members serves; it need not derive from this one. `PlaneStress`,
-    `PlaneStrain` and `Isotropic` have them, and so has an orthotropic law in CONTRIBUTING.md.
+    `PlaneStrain` and `Isotropic` have them; tests/fem/test_material.py has a law of wood.
 
     An element of density x has E(x) times the stress and rho(x) times the mass that are given here
     (`Interpolation`). Derivatives are taken with respect to x alone, by UFL; a material has none to

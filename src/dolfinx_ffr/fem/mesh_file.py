@@ -48,6 +48,9 @@ gmsh.model.mesh.getNodes()
 """
 #: Time after which the other process is given up, beside a second for each megabyte [s]
 _PATIENCE = 60.0
+#: Memory that it may take at most, and more for each byte of the file [bytes]: gmsh takes some
+#: three for a byte of a mesh, and any number for a file that promises more nodes than it holds
+_MEMORY, _MEMORY_OF_BYTE = 10**9, 100
 #: Beginnings of the environment variables that launchers of MPI set
 _RANK = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI")
 
@@ -141,10 +144,12 @@ def _try_to_read(copy: Path, path: Path, module: str) -> None:
 
     That process reads the ``copy`` of the file at ``path``, which the message names.
     """
-    patience = _PATIENCE + copy.stat().st_size / 1e6
+    size = copy.stat().st_size
+    patience = _PATIENCE + size / 1e6
+    memory = min(available_memory(), _MEMORY + _MEMORY_OF_BYTE * size)
     # the process is no rank of MPI, and must not take itself for one
     clean = {name: value for name, value in os.environ.items() if not name.startswith(_RANK)}
-    arguments = [str(Path(module).parent), str(copy), str(available_memory())]
+    arguments = [str(Path(module).parent), str(copy), str(memory)]
     # -I: modules in the working directory, where the mesh may have come with some, are not imported
     command = [sys.executable, "-I", "-c", _TRIAL, *arguments]
     fault = ""
@@ -162,7 +167,7 @@ def _try_to_read(copy: Path, path: Path, module: str) -> None:
         elif trial.returncode > 0:
             *_, last_line = trial.stderr.decode(errors="replace").splitlines() or [""]
             reason = last_line.partition(": ")[2].replace(str(copy), str(path))
-            fault = reason or "it gives no reason"
+            fault = reason or "memory does not suffice, or it ends too early"
     except subprocess.TimeoutExpired:
         fault = f"it is not done after {patience:.0f} s"
     if fault:

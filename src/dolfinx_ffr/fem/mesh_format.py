@@ -9,20 +9,15 @@ folder that is empty otherwise, under a name that this package has chosen.
 
 from __future__ import annotations
 
-import mmap
 import re
 import shutil
-import struct
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 #: First line of a mesh in the formats 2 and 4 of gmsh
 _HEAD = b"$MeshFormat"
-#: Heads of sections whose first line counts what follows; without "^", which would be slow
-_COUNTED = re.compile(rb"\n\$(Nodes|ParametricNodes|Elements)[ \t\r]*\n")
 #: First bytes of files that people take for meshes, and what to do with each
 _OTHERS = {
     b"\x1f\x8b": "compressed by gzip; unpack it (gunzip) and give the .msh file",
@@ -36,19 +31,8 @@ _OTHERS = {
 }
 
 
-@dataclass(frozen=True)
-class FormatOptions:
-    """What of a file is looked at, and what it can hold."""
-
-    line: int = (
-        1000  #: Bytes of a line that are looked at; those that are read here are far shorter
-    )
-    shown: int = 40  #: Characters of a foreign line that a message shows
-    #: A node or an element takes at least so many bytes of a file, "1 1" and the end of the line
-    least_bytes: int = 4
-
-
-FORMAT = FormatOptions()
+#: Bytes of a line that are looked at, and characters of a foreign one that a message shows
+_LINE, _SHOWN = 1000, 40
 
 
 @contextmanager
@@ -61,10 +45,8 @@ def private_copy(path: Path) -> Iterator[Path]:
         copy = Path(folder) / "mesh.msh"
         shutil.copyfile(path, copy)
         with open(copy, "rb") as file:
-            head, second = file.readline(FORMAT.line), file.readline(FORMAT.line)
-            _check_head(head, second, path)
-            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                _check_counts(content, second, path)
+            head, second = file.readline(_LINE), file.readline(_LINE)
+        _check_head(head, second, path)
         yield copy
 
 
@@ -76,7 +58,7 @@ def _check_head(head_line: bytes, second: bytes, path: Path) -> None:
                 raise ValueError(f"{path} is not a mesh of gmsh: it is {description}")
         if not head_line:
             raise ValueError(f"{path} is not a mesh of gmsh: it is empty")
-        line = head_line[: FORMAT.shown].decode("utf-8", "replace").rstrip("\r\n")
+        line = head_line[:_SHOWN].decode("utf-8", "replace").rstrip("\r\n")
         raise ValueError(
             f"{path} is not a mesh of gmsh: it begins with {line!r} instead of $MeshFormat. gmsh "
             "would execute such a file as a program (.geo), so it is not read; if you trust "
@@ -84,36 +66,8 @@ def _check_head(head_line: bytes, second: bytes, path: Path) -> None:
             "and give that"
         )
     if not re.fullmatch(rb"\s*[24](\.\d*)?\s+[01]\s+\d+\s*", second):
-        line = second[: FORMAT.shown].decode("utf-8", "replace").rstrip("\r\n")
+        line = second[:_SHOWN].decode("utf-8", "replace").rstrip("\r\n")
         raise ValueError(
             f"{path}: the line below $MeshFormat is {line!r}, and only the formats 2 and 4 are "
             "read; save the mesh in format 4.1 or 2.2"
         )
-
-
-def _check_counts(content: mmap.mmap, format_line: bytes, path: Path) -> None:
-    """Refuse a file that promises more nodes or elements than its bytes can hold.
-
-    Memory would be taken for as many before the first of them is read.
-    """
-    version, binary, size = format_line.split()
-    for section in _COUNTED.finditer(content):
-        things = "elements" if section[1] == b"Elements" else "nodes"
-        start = section.end()
-        if version.startswith(b"4") and binary == b"1":
-            if size != b"8":
-                raise ValueError(f"{path}: its numbers have {size.decode()} bytes instead of 8")
-            # blocks, nodes or elements, smallest and largest tag
-            block = content[start : start + 16].ljust(16, b"\0")
-            count = min(struct.unpack(order, block)[1] for order in ("<2Q", ">2Q"))
-        else:
-            line = content[start : start + FORMAT.line].split(b"\n", 1)[0].split()
-            position = 1 if version.startswith(b"4") else 0
-            if len(line) <= position or not line[position].isdigit():
-                raise ValueError(f"{path}: there is no number of its {things}; the file is damaged")
-            count = int(line[position])
-        if count * FORMAT.least_bytes > len(content):
-            raise ValueError(
-                f"{path} promises {count:,} {things}, which its {len(content):,} bytes cannot "
-                "hold; the file is damaged or was cut short: write it again"
-            )

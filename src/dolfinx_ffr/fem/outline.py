@@ -22,11 +22,12 @@ from ..arrays import Array
 from ..limits import MOST_CURVES, MOST_TRIANGLES, check_count
 from ..parallel import on_rank_0
 from .curves import Arc, Curve, Drawn, Line, Spline
+from .drawing import Drawing
 from .dxf_file import read_dxf
 from .interface import Bore, Predicate, checked, whole_edge
 from .loops import DRAWING, closed_outline, samples
 from .mesh_file import GroupedMesh, read_gmsh_model
-from .plane_mesh import Drawing, cells_along, check_size, gmsh_model, mesh_faces
+from .plane_mesh import cells_along, check_size, gmsh_model, mesh_faces
 from .rims import with_rims
 
 #: Units of drawings [m]

@@ -24,8 +24,9 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array
 from ..limits import MOST_CELLS, MOST_CURVES, check_count
-from .curves import Arc, Curve, CurveError, Line, Spline, enclosed
-from .faces import ring
+from .curves import Arc, Curve, CurveError, Line, Spline
+from .drawing import Drawing
+from .polylines import turns
 
 _numbers = count()
 
@@ -46,25 +47,6 @@ class MeshingOptions:
 
 
 MESHING = MeshingOptions()
-
-
-@dataclass(frozen=True)
-class Face:
-    """A connected region of a drawing."""
-
-    group: str  #: Name of its physical surface
-    #: Curves of each loop, the outer loop first: number, and whether it is walked forward
-    loops: Sequence[Sequence[tuple[int, bool]]]
-
-
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """Curves that meet in common ends, and the faces between them."""
-
-    curves: Sequence[Curve]
-    nodes: Sequence[tuple[int, int]]  #: Numbers of the ends; curves that meet share them
-    groups: Sequence[str]  #: Name of the physical curve of each, "" where it is in none
-    faces: Sequence[Face]
 
 
 @contextmanager
@@ -196,8 +178,7 @@ def _cells_of(curve: Curve, size: float, local: LocalSizes | None) -> _CurveCell
         sizes = np.clip(local.at(0.5 * (x[1:] + x[:-1])), finest, size)
 
     # cells by length or by turn, whichever needs more, along each side of the samples
-    cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
-    bent = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:])))
+    bent = np.abs(turns(side))
     turn = 0.5 * (np.r_[bent, 0.0] + np.r_[0.0, bent])
     largest_turn = MESHING.turn_of_arcs if isinstance(curve, Arc) else MESHING.turn
     cells_of_side = np.maximum(length / sizes, turn / largest_turn)
@@ -316,29 +297,12 @@ def check_size(
     curves = len(drawing.curves)
     remedy = "leave out what does not bear, or take fewer points (shapely.simplify)"
     check_count(subject, curves, "curves", remedy, most=MOST_CURVES)
-    area = sum(_area(drawing, face) for face in drawing.faces)
+    area = sum(float(drawing.moments(face.loops)[0]) for face in drawing.faces)
     around = sum(curve.length for curve in drawing.curves)
     # equilateral ones, and at least one at each piece of the boundary
     count = 4.0 / math.sqrt(3.0) * (area / size / size) + around / size
     things, remedy = f"triangles of {size:.4g} m", f"give a larger size [m]{hint}"
     check_count(subject, count, things, remedy, each=MESHING.memory, most=largest)
-
-
-def walked(curves: Sequence[Curve], loop: Sequence[tuple[int, bool]]) -> list[Curve]:
-    """The curves of a loop in the direction in which it is walked."""
-    return [curves[i] if forward else curves[i].reversed() for i, forward in loop]
-
-
-def face_polygon(
-    curves: Sequence[Curve], loops: Sequence[Sequence[tuple[int, bool]]], tolerance: float
-) -> shapely.Polygon:
-    """The polygon of a face within ``tolerance`` [m], the outer one of its loops first."""
-    outer, *holes = (ring(walked(curves, loop), tolerance) for loop in loops)
-    return shapely.Polygon(outer, holes)
-
-
-def _area(drawing: Drawing, face: Face) -> float:
-    return float(sum(enclosed(walked(drawing.curves, loop))[0] for loop in face.loops))
 
 
 @dataclass(frozen=True, eq=False)
@@ -432,7 +396,7 @@ def _refuse_unmeshed(
         # twice the area of each triangle
         doubled = model.mesh.getJacobians(2, [1 / 3, 1 / 3, 0.0], surface)[1]
         covered = 0.5 * float(np.sum(np.abs(doubled)))
-        area = _area(drawing, face)
+        area = float(drawing.moments(face.loops)[0])
         around = sum(drawing.curves[i].length for loop in face.loops for i, _ in loop)
         # chords of curves leave out, or add, less than a quarter of their length along them
         if abs(covered - area) > 1e-6 * area + 0.25 * size * around or not len(doubled):

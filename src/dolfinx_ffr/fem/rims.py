@@ -8,7 +8,7 @@ is wider than the material beside it ends at the outline.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,9 +18,9 @@ from scipy.optimize import minimize_scalar
 
 from ..arrays import Array, Mask
 from .curves import Arc, Curve, Line, Spline
-from .faces import directed_faces
+from .drawing import CurveSide, Drawing, Face
 from .interface import nearest_circle
-from .plane_mesh import Drawing, Face, face_polygon, walked
+from .polylines import turns
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,7 @@ def with_rims(
     if not lines:
         return drawing
     zone = _zone(lines, width)
-    body = shapely.union_all(
-        [face_polygon(drawing.curves, face.loops, fine) for face in drawing.faces]
-    )
+    body = shapely.union_all([drawing.polygon(face.loops, fine) for face in drawing.faces])
     divided = _DividedDrawing(drawing, width)
     for line in _inside(zone, body, RIM.leftover * width):
         divided.add(shapely.get_coordinates(line))
@@ -202,12 +200,10 @@ class _DividedDrawing:
         inner = x[1:-1] if len(x) > RIM.fewest + 2 else x
         circle = _circle(inner)
         if circle is not None:
-            center = circle[0]
-            angle = np.unwrap(np.arctan2(*(x - center).T[::-1]))
-            sweep = float(angle[-1] - angle[0])
+            arc = Arc.along(x, circle[0])
             if np.array_equal(x[0], x[-1]):
-                return Arc(x[0], x[0], center, float(np.sign(sweep)) * 2.0 * np.pi)
-            return Arc(x[0], x[-1], center, sweep).moved(x[0], x[-1])
+                return replace(arc, sweep=float(np.copysign(2.0 * np.pi, arc.sweep)))
+            return arc.moved(x[0], x[-1])
 
         along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
         count = max(4, int(RIM.points * along[-1] / self._width))
@@ -221,45 +217,38 @@ class _DividedDrawing:
         outline = self._given
         curves, nodes, groups = [*self._curves], [*self._nodes], [""] * len(self._curves)
         # those between two faces are walked in both directions
-        new_curves = range(len(curves))
+        sides: list[CurveSide] = [
+            (i, forward) for forward in (True, False) for i in range(len(curves))
+        ]
         pieces_of_curve: list[list[int]] = []
         for i, cuts in enumerate(self._cuts):
             cuts.sort(key=lambda cut: cut[0])
-            pieces = outline.curves[i].cut([t for t, _, _ in cuts])
+            cut_curves = outline.curves[i].cut([t for t, _, _ in cuts])
             places = [node for _, node, _ in cuts]
             ends = pairwise([outline.nodes[i][0], *places, outline.nodes[i][1]])
             cut_points = [place for _, _, place in cuts]
             bounds = pairwise([outline.curves[i].start, *cut_points, outline.curves[i].end])
-            pieces_of_curve.append([len(curves) + k for k in range(len(pieces))])
-            curves += [c.moved(*b) if cuts else c for c, b in zip(pieces, bounds, strict=True)]
+            pieces_of_curve.append([len(curves) + k for k in range(len(cut_curves))])
+            curves += [c.moved(*b) if cuts else c for c, b in zip(cut_curves, bounds, strict=True)]
             nodes += ends
-            groups += [outline.groups[i]] * len(pieces)
-        sides = [(i, forward) for forward in (True, False) for i in new_curves]
-        for face in outline.faces:
-            for loop in face.loops:
-                for i, forward in loop:
-                    sides += [
-                        (k, forward)
-                        for k in (pieces_of_curve[i] if forward else pieces_of_curve[i][::-1])
-                    ]
-        around = walked(curves, sides)
-        ends_of = [nodes[i] if forward else nodes[i][::-1] for i, forward in sides]
+            groups += [outline.groups[i]] * len(cut_curves)
+        for i, forward in (side for face in outline.faces for loop in face.loops for side in loop):
+            pieces = pieces_of_curve[i] if forward else pieces_of_curve[i][::-1]
+            sides += [(k, forward) for k in pieces]
+
+        divided = Drawing(curves, nodes, groups, [])
         faces = []
-        for loops in directed_faces(around, ends_of, self._fine):
-            face_loops = [[sides[k] for k in loop] for loop in loops]
-            shape = face_polygon(curves, face_loops, self._fine)
+        for loops in divided.faces_beside(sides, self._fine):
+            shape = divided.polygon(loops, self._fine)
             thin = shape.buffer(-0.5 * RIM.leftover * self._width).is_empty
             solid = thin or shape.intersection(zone).area > 0.5 * shape.area
-            faces.append(Face("solid" if solid else "design", face_loops))
-        return Drawing(curves, nodes, groups, faces)
+            faces.append(Face("solid" if solid else "design", loops))
+        return replace(divided, faces=faces)
 
 
 def _corners(x: Array) -> Array:
     """Numbers of the inner points at which a line through points (n, 2) has a corner."""
-    side = np.diff(x, axis=0)
-    cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
-    turn = np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:]))
-    return np.asarray(1 + np.flatnonzero(np.abs(turn) > RIM.corner))
+    return np.asarray(1 + np.flatnonzero(np.abs(turns(np.diff(x, axis=0))) > RIM.corner))
 
 
 def _nearest(curve: Curve, point: Array, fine: float) -> float:

@@ -49,8 +49,8 @@ def rod_mesh(
         layers = max(1, round(solid_length * counts[0] / length))
     if 2 * validation.integer(name, layers) >= counts[0]:
         raise ValueError(
-            f"{name} = {layers} leaves nothing to design among {counts[0]} element {pieces}; "
-            f"take more elements along the rod or fewer solid {pieces}"
+            f"{name} = {layers} leaves nothing to design among {counts[0]} element {pieces}; take "
+            f"more elements along the rod, or a smaller {name}"
         )
     # of triangles each rectangle is cut into four, of tetrahedra each box into six
     count = math.prod(counts) * {"triangle": 4, "tetrahedron": 6}.get(cell, 1)

@@ -187,8 +187,8 @@ class Tetrahedra:
         count = domain.n_cells_global * Tetrahedra.each(domain, finer)
         if count > CUTTING.most:
             raise ShapeError(
-                f"solid: {count:,} tetrahedra are more than the {CUTTING.most:,} that can be "
-                "cut; ask for a larger size or fewer meshes"
+                f"solid: {count:,} tetrahedra are more than the limit of {CUTTING.most:,}; take a "
+                "larger size or fewer meshes"
             )
 
     @staticmethod

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Bodies that travel: files by which other multibody and finite-element programs hand bodies on.
+"""Files of bodies for other multibody programs, and from finite-element programs.
 
 A body is here what its file holds, arrays by key in SI units (`numpy_file` lists them). A new kind
 of file is one class with a name, endings, what it can hold, `write` and `read` (`Format`), in one

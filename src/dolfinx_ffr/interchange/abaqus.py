@@ -51,7 +51,9 @@ class InputFile:
 
     def _read(self, path: Path, depth: int) -> None:
         if depth > DEEPEST:
-            raise ValueError(f"{path}: files include each other without end")
+            raise ValueError(
+                f"{path}: files include each other in a circle; remove one of the *INCLUDE lines"
+            )
         keyword, options, unfinished = "", dict[str, str](), ""
         try:
             lines = path.read_text().splitlines()

@@ -72,8 +72,8 @@ class AssembledMatrices:
         pieces, _ = connected_components(abs(self.stiffness) + abs(self.mass), directed=False)
         if pieces > 1:
             raise ValueError(
-                f"matrices: the body is in {pieces} pieces that nothing joins: nodes of no "
-                "element, or parts that are only in contact"
+                f"matrices: the body is in {pieces} pieces that no element joins; leave out nodes "
+                "without an element, and parts that are only in contact"
             )
 
     @property

@@ -37,9 +37,9 @@ def write_body(path: str | Path, arrays: Arrays, format: str | None = None) -> N
     path, kind = _kind(path, format)
     if kind.name != "npz" and arrays["S"].shape[1] != 3:
         raise ValueError(
-            f"body file {path}: the format {kind.name!r} holds bodies in space, and this one is in "
-            "the plane; FlexibleBody.in_space(reduced), or extruded(thickness, moments) of "
-            "its integrals, make one in space of it"
+            f"body file {path}: the format {kind.name!r} is for bodies in space, but this body is "
+            "in the plane; take FlexibleBody.in_space(reduced), or extruded(thickness, moments) "
+            "of its integrals"
         )
     left_out = [
         feature
@@ -48,8 +48,8 @@ def write_body(path: str | Path, arrays: Arrays, format: str | None = None) -> N
     ]
     if kind.name != "npz" and left_out:
         warnings.warn(
-            f"body file {path}: the format {kind.name!r} cannot hold {', '.join(left_out)}; the "
-            "file goes without",
+            f"body file {path}: the format {kind.name!r} cannot hold {', '.join(left_out)}, which "
+            "the file leaves out",
             InterchangeWarning,
             stacklevel=3,
         )
@@ -66,8 +66,8 @@ def read_body(path: str | Path, format: str | None = None) -> dict[str, Any]:
     path, kind = _kind(path, format)
     if not isinstance(kind, ReadableFormat):
         raise ValueError(
-            f"body file {path}: the format {kind.name!r} is for other programs alone: its matrices "
-            "are those of small motions, from which no body that turns can be made; keep an .npz"
+            f"body file {path}: the format {kind.name!r} cannot be read, as its matrices of small "
+            "motions do not determine a body that turns; save an .npz for this package"
         )
     try:
         arrays = kind.read(path)

@@ -157,7 +157,9 @@ def _bulk_data(bdf: Any, path: Path) -> Any:
 def _cards(path: Path, folder: Path, depth: int) -> Iterator[str]:
     """The lines of the `_CARDS` in a file and in the files that it includes."""
     if depth > DEEPEST:
-        raise ValueError(f"{path}: files include each other without end")
+        raise ValueError(
+            f"{path}: files include each other in a circle; remove one of the INCLUDE lines"
+        )
     is_read = False  # whether the lines belong to a card that is read
     text = path.read_text(encoding="utf-8", errors="replace")
     lines = iter(text.splitlines())
@@ -178,8 +180,8 @@ def _cards(path: Path, folder: Path, depth: int) -> Iterator[str]:
             return
         elif re.match(r"BEGIN\s+SUPER", line, re.IGNORECASE):
             raise ValueError(
-                f"{path}: it holds a superelement (BEGIN SUPER), whose matrices are of its "
-                "interfaces alone; needed are the matrices of all nodes (PARAM,EXTOUT,DMIGPCH)"
+                f"{path}: the file holds a superelement (BEGIN SUPER), which has matrices of its "
+                "interfaces only; write the matrices of all nodes by PARAM,EXTOUT,DMIGPCH"
             )
         else:
             is_read = card in _CARDS if card else is_read  # lines without a name go on with a card

@@ -88,7 +88,7 @@ def _check_heads(heads: Mapping[str, Head]) -> None:
     missing = [key for key in needed if key not in heads]
     if missing:
         hint = "; P may stand instead of G and N" if {"G", "N"} & set(missing) else ""
-        raise ValueError(f"keys {missing} are missing, there are {sorted(heads)}{hint}")
+        raise ValueError(f"keys {missing} are missing; the file has {sorted(heads)}{hint}")
     for key, head in heads.items():
         kinds, content = ("U", "text") if key == "markers" else ("fiu", "real numbers")
         if head.dtype.kind not in kinds:

@@ -520,8 +520,8 @@ def _second_moments(
     square = float(min(1.0, 0.999 / largest_ratio))
     if square < _SMALLEST_SCALE**2:
         raise ValueError(
-            f"no mass moves as Ct, Cr and Oe say: they are {square**-0.5:.1f} times as large as Me "
-            "and J allow; read_terms returns the terms themselves"
+            f"no distribution of mass has these Ct, Cr and Oe, which are {square ** (-0.5):.1f} "
+            "times as large as Me and J allow; read_terms returns the terms"
         )
     remainder = (Me - square * needed)[:, :, None, None] * np.eye(3) / 3.0
     turns = _of_parts(np.zeros((*Me.shape, 6)), spun - square * axial(least))

@@ -49,8 +49,8 @@ def superelement(arrays: Arrays) -> Superelement:
             block[:, 6:] = motions[marker]
     if not complete or np.linalg.cond(T[:n_motions, :n_motions]) > 1e12:
         raise ValueError(
-            "the body lacks the shape functions of a superelement, the modes of Craig and Bampton, "
-            "six for each interface but one, in space; bodies in the plane do not move out of it"
+            "the body lacks the shape functions of a superelement; take a FlexibleBody in space, "
+            "whose modes of Craig and Bampton are six for each interface but one"
         )
 
     lever, turned = -cross_matrix(S[0]), axial(P[1:, 0]).T

@@ -96,8 +96,8 @@ def refuse_curved_cells(domain: Domain) -> None:
     _, shares = domain.quadrature_points(2)
     if domain.comm.allreduce(bool(np.any(np.abs(shares - shares[:1]) > _ROUND_OFF)), MPI.LOR):
         raise ValueError(
-            "bound: the mesh has curved cells, or quadrilaterals that are no parallelograms, over "
-            "which the bound cannot be integrated on the safe side; take triangles of order 1"
+            "bound: the mesh has curved cells, or quadrilaterals that are no parallelograms, for "
+            "which integrals are no lower bounds; take triangles of order 1"
         )
 
 
@@ -183,8 +183,8 @@ def _coefficients(basis: Bernstein, body: StaticBody, history: BodyHistory) -> A
     odd = np.any(off > _ROUND_OFF * np.max(np.abs(g), initial=0.0))
     if domain.comm.allreduce(bool(odd), MPI.LOR):
         raise ValueError(
-            "bound: the material varies within cells, over which the bound cannot be integrated on "
-            "the safe side; give it constants"
+            "bound: the material varies within cells, for which integrals are no lower bounds; "
+            "give the material constant numbers"
         )
     return coefficients
 

@@ -94,8 +94,9 @@ def driven_loads(trajectory: Trajectory, designed: Sequence[str]) -> dict[str, D
     model = trajectory.model
     if model.rows != model.size:
         raise ValueError(
-            f"bound: the rigid motion depends on the parts: {model.rows} rows of joints and drives "
-            f"hold {model.size} coordinates of the bodies; there is a bound for driven machines"
+            f"bound: the rigid motion depends on the parts, because {model.rows} rows of joints "
+            f"and drives are fewer than the {model.size} coordinates of the bodies; give every "
+            "motion of the machine a drive"
         )
     probing = _probing(model, designed)
     kinematics = Kinematics(probing.arrays, trajectory.turns)

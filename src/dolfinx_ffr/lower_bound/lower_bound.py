@@ -90,7 +90,7 @@ class LowerBound(Shown):
 
 
 def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None) -> LowerBound:
-    """The least psi that any parts could have in the place of the flexible bodies; collective.
+    """A lower bound of psi for all parts in the place of the flexible bodies; collective.
 
     It takes a fraction of the time of a design: the best sheet of variable thickness is a convex
     problem, and its displacements give a bound for every point, not only for cells of the mesh.
@@ -123,13 +123,14 @@ def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None
     vibrations = full.psi / static - 1.0
     if abs(vibrations) > _VIBRATIONS:
         raise ValueError(
-            f"bound: vibrations count, or modes that are left out: psi of the full bodies is "
-            f"{full.psi:.4g}, and {static:.4g} without vibrations, for which alone there is a bound"
+            "bound: vibrations or truncated modes change psi of the full bodies: it is "
+            f"{full.psi:.4g}, but {static:.4g} without vibrations; there is a bound only where "
+            "both agree to 2 %"
         )
     sheet, support = best_sheet(bodies, cases, shares, problem.combine, _TOLERANCE, _STEPS)
     psi = least_over_points(support, bodies, shares)
     if not psi > 0.0:
-        raise ValueError("bound: on this mesh it is not above zero; take smaller elements")
+        raise ValueError("bound: the bound is not above zero on this mesh; take smaller elements")
     for static_body in bodies.values():
         static_body.body.release()
     return LowerBound(
@@ -156,7 +157,9 @@ def _shares(problem: Problem, volume: float | Mapping[str, float] | None) -> dic
         domain = problem.flexible[name].domain
         least = domain.sum(domain.cell_volumes * domain.solid_cells) / domain.area
         if shares[name] < least:
-            raise ValueError(f"{what} is {share:g}, and what stays solid takes {least:.3g}")
+            raise ValueError(
+                f"{what} is {share:g}, but the solid regions take {least:.3g}; give a larger volume"
+            )
     return shares
 
 
@@ -175,8 +178,8 @@ def _refuse(problem: Problem) -> None:
     for name, body in problem.flexible.items():
         if body.stiffening is not None:
             raise ValueError(
-                f"bound: body {name!r} has geometric stiffness, which changes with the forces in "
-                "it, so that psi is not convex; there is a bound without stiffening"
+                f"bound: body {name!r} has geometric stiffness, which makes psi not convex; leave "
+                "the stiffening out"
             )
     for case in problem.load_cases.values():
         objective = case.objective
@@ -189,6 +192,6 @@ def _refuse(problem: Problem) -> None:
             counted = problem.bodies[name]
             if isinstance(counted, VolumeIntegrals) and counted.modes:
                 raise ValueError(
-                    f"bound: the compliance of {name!r} counts, whose arrays tell no stiffness by "
-                    "points; leave it out of the objective, by bodies=[...]"
+                    f"bound: the objective contains the compliance of {name!r}, whose stiffness is "
+                    "known only as a matrix; leave this body out of the objective by bodies=[...]"
                 )

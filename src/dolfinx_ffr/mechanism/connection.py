@@ -95,7 +95,9 @@ class Connection:
         """Refuse wrong kinds (TypeError) and numbers (ValueError), by the name ``label``."""
         user = f"{self.kind} {label!r}"
         if not any(isinstance(marker, tuple) for marker in self.markers):
-            raise ValueError(f"{user} has no marker on a body")
+            raise ValueError(
+                f"{user} has no marker on a body; attach at least one of its markers to a body"
+            )
         self._check(user)
 
     def _check(self, what: str) -> None:

@@ -124,7 +124,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Assembled(Start):
-    """The placements, corrected so that the joints close; elastic coordinates zero or given.
+    """The placements, corrected so that the joints close, with bodies undeformed or as given.
 
     The corrections of position and angle, and of their velocities, are the smallest ones. First
     the undeformed bodies are corrected, then the deformed ones.
@@ -177,7 +177,7 @@ class Assembled(Start):
 
 @dataclass(frozen=True)
 class StaticEquilibrium(Start):
-    """The static equilibrium under gravity and the forces at t = 0, the bodies deformed by them.
+    """The static equilibrium of the deformed bodies under gravity and the forces at t = 0.
 
     It satisfies r(y, 0, 0) + C_y^T lambda = 0 and C(y, 0) = 0, without dampers and inertia. The
     search goes downhill from the placements, so that a pendulum comes to hang. The velocities are

@@ -362,9 +362,9 @@ class Spline(_Formula):
             if end_kind == "natural" and np.any(beyond):
                 start, end = self._edges
                 raise OutsideError(
-                    f"is known from {start:.6g} s to {end:.6g} s alone, not at t = "
-                    f"{np.asarray(t)[beyond][0]:.6g} s; give more of it, or ends of rest, uniform "
-                    "or periodic motion, which go on"
+                    f"is defined from {start:.6g} s to {end:.6g} s, not at t = "
+                    f"{np.asarray(t)[beyond][0]:.6g} s; give values at later or earlier times, or "
+                    'ends="rest", "uniform" or "periodic"'
                 )
         derivative = self.parts[order]
         if inside.ndim == 1 and inside.size <= _MOST_STORED:

@@ -36,8 +36,8 @@ def ask_for_radians(what: str, angle: float) -> None:
     """Warn of an angle beyond a full turn, which may be one in degrees."""
     if abs(angle) > 2.0 * math.pi:
         warnings.warn(
-            f"{what} is {angle:.6g} rad, more than a full turn: if these are degrees, give "
-            f"np.deg2rad({angle:.6g}); if it is meant, ignore this PlacementWarning",
+            f"{what} is {angle:.6g} rad, more than a full turn: if the number is in degrees, give "
+            f"np.deg2rad({angle:.6g}); otherwise ignore this PlacementWarning",
             PlacementWarning,
             stacklevel=5,
         )

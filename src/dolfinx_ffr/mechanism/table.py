@@ -105,7 +105,8 @@ def _unit(what: str, title: str, stated_unit: str | None, known_units: Mapping[s
         )
     if len(units) > 1:
         raise ValueError(
-            f"{what}: the unit given is {stated_unit!r}, but in the file it is {written!r}"
+            f"{what}: unit={stated_unit!r} contradicts the unit {written!r} in the file; leave it "
+            "out"
         )
     unit = units.pop()
     if unit not in known_units:

@@ -90,7 +90,7 @@ class StressField(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Response(Shown):
-    """The arguments of objectives: a trajectory and the bodies that it belongs to.
+    """The arguments of objectives: a trajectory, and the integrals, densities and stress of bodies.
 
     Attributes:
         simulated: None if neither objective nor constraints need it.
@@ -114,9 +114,7 @@ class Response(Shown):
     def trajectory(self) -> Trajectory:
         """The trajectory."""
         if self.simulated is None:
-            raise ValueError(
-                "there is no trajectory, which the objective needs: nothing was simulated"
-            )
+            raise ValueError("the objective needs a trajectory, but nothing was simulated")
         return self.simulated
 
     @property
@@ -445,8 +443,8 @@ class Constraint:
         bound = self.lower if self.upper is None else self.upper
         if validation.number(f"constraint {self.label!r}: the bound", bound) == 0.0:
             raise ValueError(
-                f"constraint {self.label!r}: the bound must be a number other than zero, which the "
-                "values are compared with"
+                f"constraint {self.label!r}: the bound must be a number other than zero, because "
+                "values are divided by it"
             )
 
     @property

@@ -50,7 +50,9 @@ class Combination(ABC):
             for name, weight in validation.by_name(label, self.weights, "weights").items()
         }
         if not any(weights.values()):
-            raise ValueError(f"{label}: one at least must be positive, but they are {weights}")
+            raise ValueError(
+                f"{label}: at least one weight must be positive, but they are {weights}"
+            )
         object.__setattr__(self, "weights", weights)
 
     def check(self, load_cases: Iterable[str]) -> None:
@@ -61,12 +63,14 @@ class Combination(ABC):
         label = f"{type(self).__name__}: weights"
         unknown = [name for name in self.weights if name not in names]
         if unknown:
-            raise ValueError(f"{label}: there is no load case {unknown[0]!r}, but {names}")
+            raise ValueError(
+                f"{label}: there is no load case {unknown[0]!r}; the load cases are {names}"
+            )
         missing = [name for name in names if name not in self.weights]
         if missing:
             raise ValueError(
-                f"{label}: that of {missing[0]!r} is missing; a load case that does not count "
-                "has the weight 0"
+                f"{label}: the weight of {missing[0]!r} is missing; give the weight 0 to a load "
+                "case that does not count"
             )
 
     def weight(self, load_case: str) -> float:
@@ -139,7 +143,7 @@ class PowerMean(Combination):
         for name, value in weighted.items():
             if not value > 0.0:
                 raise ValueError(
-                    f"PowerMean needs positive objectives, and that of load case {name!r} is "
+                    f"PowerMean needs positive objectives, but psi of load case {name!r} is "
                     f"{psi[name]:.6g}; take WeightedSum or WorstCase"
                 )
         largest = max(weighted.values())

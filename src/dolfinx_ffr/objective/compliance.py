@@ -33,8 +33,7 @@ class _Compliance(Objective):
     def __post_init__(self) -> None:
         if self.bodies is not None and not validation.names(f"{self._what}: bodies", self.bodies):
             raise ValueError(
-                f"{self._what}: bodies is an empty list, and nothing would count; leave it out to "
-                "take all"
+                f"{self._what}: bodies is an empty list; leave it out to take all flexible bodies"
             )
         if self.weights is not None:
             label = f"{self._what}: weights"
@@ -47,7 +46,7 @@ class _Compliance(Objective):
             if not inventory.modes[name]:
                 flexible = [body for body, count in inventory.modes.items() if count]
                 raise ValueError(
-                    f"{self._what} of body {name!r}, which is rigid and has none; the flexible "
+                    f"{self._what}: body {name!r} is rigid and has no compliance; the flexible "
                     f"bodies are {flexible}"
                 )
 

@@ -36,7 +36,10 @@ class OfJoints(Objective):
         if not isinstance(self.joint, str):
             names = validation.names(f"{self._what}: joint", self.joint)
             if not names or len(set(names)) < len(names):
-                raise ValueError(f"{self._what}: joint must be one name or different ones")
+                raise ValueError(
+                    f"{self._what}: give the name of one joint, or different names of several "
+                    "joints"
+                )
             object.__setattr__(self, "joint", tuple(names))
 
     def validate(self, inventory: Inventory) -> None:
@@ -138,7 +141,7 @@ class _OfDrives(OfJoints):
 
 @dataclass(frozen=True)
 class DrivePower(_OfDrives, MeanOverTime):
-    """Power mean over time of the power of a drive, whatever its sign [W].
+    """Power mean over time of the absolute power of a drive [W].
 
         psi = (1/T int |P(t)|^p dt)^(1/p),    P = -lam . (C_y v)
 
@@ -177,7 +180,7 @@ class DrivePower(_OfDrives, MeanOverTime):
 
 @dataclass(frozen=True)
 class DriveWork(_OfDrives):
-    """Energy that a drive takes from its supply in the time that counts [J].
+    """Energy that a drive takes from its supply within the window [J].
 
         psi = int ((1 + r)/2 P + (1 - r)/2 sqrt(P^2 + e^2)) dt,    P = -lam . (C_y v)
 

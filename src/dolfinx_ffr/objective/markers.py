@@ -150,7 +150,7 @@ def _moved(response: Response, body: str, marker: str) -> tuple[BodyMarker, Stat
         raise no_body("motion of a marker", body, bodies)
     if marker not in bodies[body].markers:
         raise ValueError(
-            f"body {body!r} has no marker {marker!r}, but {list(bodies[body].markers)}"
+            f"body {body!r} has no marker {marker!r}; its markers are {list(bodies[body].markers)}"
         )
     columns = trajectory.model.coordinates(body).all
     states = (array[:, columns] for array in (trajectory.y, trajectory.v, trajectory.w))

@@ -214,7 +214,10 @@ class Frequency(_WithoutTrajectory):
             self, "pinned", tuple(validation.names("frequency: pinned", self.pinned))
         )
         if self.free and self.pinned:
-            raise ValueError("frequency: a free body is pinned nowhere; leave out one of both")
+            raise ValueError(
+                "frequency: a body is either free or pinned; give free=True or pinned=[...], not "
+                "both"
+            )
 
     def evaluate(self, response: Response) -> float:
         eigenvalues, _, chosen = self._eigenpairs(response)
@@ -248,7 +251,10 @@ class Frequency(_WithoutTrajectory):
         count, highest = inventory.modes[self.body], self.number - 1 + self.cluster
         if highest > count:
             if count == 0:
-                raise ValueError(f"frequency: body {self.body!r} is rigid, and has none")
+                raise ValueError(
+                    f"frequency: body {self.body!r} is rigid and has no frequency; give a flexible "
+                    "body"
+                )
             several = f"frequencies {self.number} to {highest}"
             raise ValueError(
                 f"frequency: body {self.body!r} has {count} elastic coordinates, too few for "
@@ -287,7 +293,9 @@ class Frequency(_WithoutTrajectory):
         if not self.point_masses:
             return []
         if response.point_masses is None:
-            raise ValueError("frequency: the response does not say what point masses there are")
+            raise ValueError(
+                "frequency: the response does not contain the point masses of the mechanism"
+            )
         points = [point for point in response.point_masses if point.marker[0] == self.body]
         markers = response.bodies[self.body].markers
         for point in points:
@@ -330,9 +338,9 @@ class Frequency(_WithoutTrajectory):
                 continue
             if abs(eigenvalues[outside] - eigenvalues[inside]) < _EQUAL * eigenvalues[inside]:
                 warnings.warn(
-                    f"frequency: frequencies {inside + 1 - rigid} and "
-                    f"{outside + 1 - rigid} of body {self.body!r} are equal, and only one of "
-                    "them counts: there is no derivative; enlarge the cluster",
+                    f"frequency: frequencies {inside + 1 - rigid} and {outside + 1 - rigid} of "
+                    f"body {self.body!r} are equal, but the objective contains only one of them, "
+                    "so that it has no derivative; enlarge the cluster",
                     stacklevel=4,
                 )
 

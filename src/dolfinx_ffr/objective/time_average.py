@@ -101,7 +101,7 @@ class MeanOverTime(Objective):
         if self.power == 1.0:
             raise ValueError(
                 f"{what}: with a power of 1 the mean has a kink where the size vanishes; take a "
-                "larger one"
+                "larger power"
             )
         validation.flag(f"{what}: peak", self.peak)
         check_window(what, self.window)

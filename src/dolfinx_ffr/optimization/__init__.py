@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from .arguments import default_steps
 from .boundary_phase import move_boundary as move_boundary
 from .level_set_evolution import LevelSetEvolution as LevelSetEvolution
 from .loop import DesignLoop as DesignLoop
@@ -14,7 +15,7 @@ from .loop import GradientReport as GradientReport
 from .loop import Iterate as Iterate
 from .loop import Optimizer as Optimizer
 from .mma import MMA as MMA
-from .optimize import check_run, default_steps
+from .optimize import check_run
 from .optimize import optimize as optimize
 from .result import BoundaryResult as BoundaryResult
 from .result import DesignWarning as DesignWarning

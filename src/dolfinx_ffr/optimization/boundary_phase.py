@@ -271,9 +271,7 @@ class BoundaryPhase:
         if start.keys() != self._identity.keys() or not all(
             nearly_equal(start[name], array, _SAME) for name, array in self._identity.items()
         ):
-            raise self._checkpoint.of_another_problem(
-                "the boundaries with which its steps began are none of this run"
-            )
+            raise self._checkpoint.of_another_problem("its steps began with other boundaries")
         self._history.restore(section)
         for name, film in without_prefix("film", section).items():
             ends = np.cumsum(section[f"lengths {name}"])[:-1]
@@ -288,7 +286,7 @@ class BoundaryPhase:
         psi = steps.trial.evaluation.psi
         if not abs(psi - self._psi) <= _SAME_PSI * abs(self._psi):
             raise self._checkpoint.of_another_problem(
-                f"psi of its boundaries was {self._psi:.8g} and is {psi:.8g}"
+                f"psi of its boundaries was {self._psi:.8g}, and is {psi:.8g} in this run"
             )
 
 

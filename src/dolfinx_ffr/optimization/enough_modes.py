@@ -62,8 +62,8 @@ def with_steps_for(
         return changed, changed.value(of_problem(x))
     except SimulationError as error:  # what was designed so far must not be lost for an estimate
         warnings.warn(
-            f"optimize: the error by the time steps cannot be estimated, as no motion with other "
-            f"steps is found ({error})",
+            "optimize: the error of the time steps cannot be estimated, as no motion with other "
+            f"steps was found ({error})",
             TimeStepWarning,
             stacklevel=4,
         )
@@ -103,8 +103,9 @@ def with_enough_modes(
                 short = max(errors, key=lambda name: errors[name])
                 warn(
                     f"optimize: {grown.flexible[short].modes} normal modes of {short!r} leave out "
-                    f"{errors[short]:.2%} of psi, more than {tolerance:.2%}: begin with more, or "
-                    "look for loose or nearly void pieces, whose own vibrations take the modes"
+                    f"{errors[short]:.2%} of psi, more than {tolerance:.2%}: begin with more "
+                    "modes, or look for loose or nearly void pieces, whose vibrations fill the "
+                    "modes"
                 )
                 break
             grown = grown.with_modes(added)
@@ -112,7 +113,7 @@ def with_enough_modes(
     except RuntimeError as error:  # what was designed so far must not be lost for an estimate
         motion = "the motion with them" if isinstance(error, SimulationError) else "they"
         warn(
-            f"optimize: what the modes left out would add to psi cannot be estimated, as {motion} "
+            f"optimize: the effect of truncated modes on psi cannot be estimated, as {motion} "
             f"cannot be computed ({error}): look for loose or nearly void pieces, or take shorter "
             "steps"
         )

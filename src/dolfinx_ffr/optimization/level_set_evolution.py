@@ -40,7 +40,7 @@ APART = 1e3
 
 @dataclass(frozen=True)
 class LevelSetEvolution(Optimizer):
-    """Explicit steps of one level set a body; takes a volume bound and no other constraint.
+    """Explicit steps of level sets, for a volume bound and no other constraint.
 
     Args:
         sharpness: Steepness of the projection in each stage. A stage ends when it has converged or

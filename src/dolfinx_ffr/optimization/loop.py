@@ -7,7 +7,7 @@ An optimiser (`LevelSetEvolution`, `MMA`) decides which design is tried next, by
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -405,20 +405,20 @@ class DesignLoop:
         # the earlier run may have approximated its gradient, or this one may begin to do so
         if (set(earlier_columns) ^ set(columns)) - set(GRADIENT_COLUMNS):
             raise self.checkpoint.of_another_problem(
-                "it differs in the names of bodies, load cases or constraints"
+                "the names of its bodies, load cases or constraints differ"
             )
         if not abs(evaluation.psi - earlier_psi) <= SAME_PSI * abs(earlier_psi):
             raise self.checkpoint.of_another_problem(
-                f"psi of its design was {earlier_psi:.8g} and is {evaluation.psi:.8g} here"
+                f"psi of its design was {earlier_psi:.8g}, and is {evaluation.psi:.8g} in this run"
             )
         columns += [name for name in earlier_columns if name not in columns]
         rows = [{name: row.get(name, NAN) for name in columns} for row in self.rows]
         self.history.columns, self.history.rows = columns, rows
         if self._other_start:
             warn(
-                f"optimize: the run continues from the checkpoint {self.checkpoint.path}, and the "
-                "start that is given is not the one that it began with, so it is not used. Leave "
-                "resume out, or write into another folder, to begin with it"
+                f"optimize: the run continues from the checkpoint {self.checkpoint.path} and "
+                "ignores the start, which differs from the start of that run; to use it, leave "
+                "resume out, or write into another folder"
             )
         self._began = perf_counter() - self.rows[-1]["seconds"]
         self.run.advance(int(self.rows[-1]["iteration"]))
@@ -564,11 +564,47 @@ class DesignLoop:
         """
         x = {name: design.point(variables[name]) for name, design in designs.items()}
         dense = {name: design for name, design in designs.items() if isinstance(design, Design)}
-        sharp_bodies = [
-            n for n, design in dense.items() if design.fills and design.sharpness >= CUT_FROM
-        ]
+        sharp = [n for n, d in dense.items() if d.fills and d.sharpness >= CUT_FROM]
+        problem, final, errors = self._evaluated_at_last(x, evaluation, sharp)
+
+        bounds = dict(volume or {})
+        values = {f"volume of {n}": final.volume[n] / bound - 1.0 for n, bound in bounds.items()}
+        values |= {name: bound.violation for name, bound in final.constraints.items()}
+        # NaN violates a constraint
+        violations = {name: value for name, value in values.items() if not value <= FEASIBLE}
+        if violations:
+            reason = "interrupted" if reason == "interrupted" else "infeasible"
+        if violations and (reason == "interrupted" or not self._followed):
+            self._warn_of_violations(violations, reason)
+        densities = {name: x[name] for name in dense}
+        if reason != "interrupted":
+            for name, design in dense.items():
+                # gray cells of a sharp level set are cut by its boundary
+                if name not in sharp:
+                    _warn_of_gray(name, design, densities[name])
+        return Result(
+            densities,
+            dict(variables),
+            final,
+            self.history.arrays(),
+            reason,
+            dict(designs),
+            problem,
+            violations,
+            errors,
+            bounds,
+            residual=residual,
+        )
+
+    def _evaluated_at_last(
+        self, x: Mapping[str, Array], evaluation: Evaluation, sharp: Collection[str]
+    ) -> tuple[Problem, Evaluation, dict[str, float]]:
+        """The problem, evaluation and mode errors of the last design ``x``, as they are reported.
+
+        Elements of ``sharp`` level sets are cut, and modes and time steps suffice for the design.
+        """
         problem, final = self.problem, evaluation
-        cut = {name: problem.flexible[name].with_cut_elements() for name in sharp_bodies}
+        cut = {name: problem.flexible[name].with_cut_elements() for name in sharp}
         if any(body is not problem.flexible[name] for name, body in cut.items()):
             problem = problem.with_bodies(cut)
             final = problem.value(of_problem(x))
@@ -583,51 +619,35 @@ class DesignLoop:
         for name, reduced in final.bodies.items():
             if name in problem.flexible:  # the others have no density
                 problem.flexible[name].warn_of_missing_modes(reduced)
-        bounds = dict(volume or {})
-        values = {f"volume of {n}": final.volume[n] / bound - 1.0 for n, bound in bounds.items()}
-        values |= {name: bound.violation for name, bound in final.constraints.items()}
-        # NaN violates a constraint
-        violations = {name: value for name, value in values.items() if not value <= FEASIBLE}
-        if violations:
-            reason = "interrupted" if reason == "interrupted" else "infeasible"
-        if violations and (reason == "interrupted" or not self._followed):
-            exceeded = ", ".join(f"{name!r} by {value:.3%}" for name, value in violations.items())
-            warn(
-                f"optimize: the design violates {exceeded} of the bound, after "
-                f"{int(self.rows[-1]['iteration'])} iterations ({reason}): relax the bound, give "
-                "more volume or more iterations"
-            )
-        densities = {name: x[name] for name in dense}
-        # gray cells of a sharp level set are cut by its boundary
-        may_be_gray = set() if reason == "interrupted" else dense.keys() - sharp_bodies
-        for name in (name for name in dense if name in may_be_gray):
-            design = dense[name]
-            gray = gray_fraction(design.domain, densities[name], design.web)
-            remedy = "take smaller elements, or ask for larger minimum sizes"
-            if design.sharpness < design.at(1.0).sharpness:
-                remedy = (
-                    "give more iterations, as the run ended before the design was sharp "
-                    "(resume=True continues from here)"
-                )
-            if gray > GRAY:
-                warn(
-                    f"optimize: {100.0 * gray:.0f} % of {name!r} is gray, neither void nor solid, "
-                    f"and no part can be cut out of that: {remedy}"
-                )
-        history = self.history.arrays()
-        return Result(
-            densities,
-            dict(variables),
-            final,
-            history,
-            reason,
-            dict(designs),
-            problem,
-            violations,
-            errors,
-            bounds,
-            residual=residual,
+        return problem, final, errors
+
+    def _warn_of_violations(self, violations: Mapping[str, float], reason: str) -> None:
+        """Warn of violated bounds of the last design."""
+        exceeded = ", ".join(f"{name!r} by {value:.3%}" for name, value in violations.items())
+        warn(
+            f"optimize: the design violates {exceeded} of the bound, after "
+            f"{int(self.rows[-1]['iteration'])} iterations ({reason}): relax the bound, give "
+            "more volume or more iterations",
+            stacklevel=5,
         )
+
+
+def _warn_of_gray(name: str, design: Design, x: Array) -> None:
+    """Warn of a body of which too much is gray, of densities ``x``, shape (cells,)."""
+    gray = gray_fraction(design.domain, x, design.web)
+    if gray <= GRAY:
+        return
+    remedy = "take smaller elements, or ask for larger minimum sizes"
+    if design.sharpness < design.at(1.0).sharpness:
+        remedy = (
+            "give more iterations, as the run ended before the design was sharp "
+            "(resume=True continues from here)"
+        )
+    warn(
+        f"optimize: {100.0 * gray:.0f} % of {name!r} is gray, neither void nor solid, "
+        f"and no part can be cut out of that: {remedy}",
+        stacklevel=5,
+    )
 
 
 class Optimizer(Protocol):

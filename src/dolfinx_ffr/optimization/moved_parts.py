@@ -66,7 +66,10 @@ def with_moved_boundaries(
     except Exception as error:  # the densities are a result, whatever has failed after them
         over = f" and violates {list(result.violations)}" if result.violations else ""
         cause = _HAIRLINES if isinstance(error, CurveError) else _described(error)
-        warn(f"optimize: the boundary stays as the mesh has drawn it{over}: {cause}")
+        warn(
+            f"optimize: the boundary was not moved and follows the edges of the elements{over}: "
+            f"{cause}"
+        )
         return with_checked_parts(result, parts, unmoved=True, progress=progress)
     # the part may keep bounds that the densities have missed
     mended = result.reason == "infeasible" and not moved_result.violations
@@ -176,8 +179,8 @@ def _look_at(result: Result, name: str, part: Part | Solid) -> None:
     if share > _LOOSE:
         result.violations[f"loose pieces of {name}"] = share
         warn(
-            f"optimize: psi is not that of a part of {name!r}: {len(part.loose)} loose pieces "
-            "of it touch no interface; take smaller elements, steps of the boundary, or "
+            f"optimize: psi includes {len(part.loose)} loose pieces of {name!r} that touch no "
+            "interface and are no part of it; take smaller elements, steps of the boundary, or "
             "another start",
             5,
         )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -18,22 +18,16 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array
-from ..design import SHARP_PROGRESS, Design, ParameterDesign, Variables
-from ..fem import PLATE, Domain
+from ..design import SHARP_PROGRESS, Design, Variables
 from ..mechanism import Parameters
-from ..objective import PeakStress
-from ..parallel import check_alike, on_every_rank
+from ..parallel import on_every_rank
 from ..problem import Problem
+from .arguments import VOLUME, RunSettings, checked
 from .loop import Callback, DesignLoop, ExactAdjoint, GradientMethod, Optimizer
 from .mma import MMA
 from .moved_parts import with_checked_parts, with_moved_boundaries
-from .result import Result, ranks_of, warn
+from .result import Result, ranks_of
 from .running import alone_in
-from .sizing import sized
-
-#: Filled share by default, and most steps of boundaries
-_VOLUME, _BOUNDARY = 0.5, 25
 
 
 def optimize(
@@ -42,7 +36,7 @@ def optimize(
     start: ArrayLike | Mapping[str, ArrayLike] | None = None,
     *,
     optimizer: Optimizer | None = None,
-    volume: float | Mapping[str, float] = _VOLUME,
+    volume: float | Mapping[str, float] = VOLUME,
     gradient: GradientMethod | None = None,
     iterations: int = 100,
     output: str | Path | None = None,
@@ -118,7 +112,8 @@ def optimize(
     comm = _ranks(problem)
     # code of users may fail on one rank: designs, objectives, gradients, callbacks
     with on_every_rank(comm, "optimize"):
-        run = _checked(
+        _refuse(options, optimizer)
+        run = checked(
             comm,
             problem,
             design,
@@ -133,7 +128,6 @@ def optimize(
             callback=callback,
             mode_tolerance=mode_tolerance,
             boundary=boundary,
-            options=options,
         )
         loop = DesignLoop(
             run.problem,
@@ -151,12 +145,7 @@ def optimize(
         )
         if run.tuned:
             problem.check_influence()
-        chosen = optimizer or MMA()
-        if run.steps and isinstance(chosen, MMA) and chosen.length is None:
-            # a sharp design is where the boundary begins: it finds sizes better than elements do
-            chosen = replace(chosen, length=max(math.ceil(iterations / SHARP_PROGRESS), 1))
-        if not run.domains and isinstance(chosen, MMA) and chosen.length is None:
-            chosen = replace(chosen, length=1)  # nothing becomes sharp
+        chosen = _with_length(optimizer or MMA(), run, iterations)
         with alone_in(comm, run.folder, "optimize: output"):
             result = chosen.run(loop, run.designs, run.begin, run.filled)
             if run.sizing is not None:
@@ -171,19 +160,16 @@ def optimize(
     return replace(result, terminated=True) if ended else result
 
 
-@dataclass(frozen=True)
-class _Checked:
-    """The arguments of `optimize`, checked, with defaults in place."""
-
-    problem: Problem
-    designs: dict[str, Variables]
-    domains: dict[str, Domain]
-    begin: dict[str, Array]  #: Variables of the start by design
-    filled: dict[str, float]  #: Bounds of the volume by body
-    sizing: Any  #: Problem and design of dimensions, None without them
-    tuned: bool  #: Whether parameters of the mechanism are designed
-    folder: Path | None
-    steps: int  #: Of the boundary
+def _with_length(optimizer: Optimizer, run: RunSettings, iterations: int) -> Optimizer:
+    """The ``optimizer`` with the iterations over which designs become sharp, where it has none."""
+    if not isinstance(optimizer, MMA) or optimizer.length is not None:
+        return optimizer
+    if not run.domains:
+        return replace(optimizer, length=1)  # nothing becomes sharp
+    if run.steps:
+        # a sharp design is where the boundary begins: it finds sizes better than elements do
+        return replace(optimizer, length=max(math.ceil(iterations / SHARP_PROGRESS), 1))
+    return optimizer
 
 
 def check_run(problem: Problem, design: Any, **settings: Any) -> None:
@@ -195,7 +181,19 @@ def check_run(problem: Problem, design: Any, **settings: Any) -> None:
     with on_every_rank(comm, "optimize"):
         bound_arguments = signature(optimize).bind(problem, design, **settings)
         bound_arguments.apply_defaults()
-        _checked(comm, **bound_arguments.arguments)
+        arguments = dict(bound_arguments.arguments)
+        _refuse(arguments.pop("options"), arguments["optimizer"])
+        checked(comm, **arguments)
+
+
+def _refuse(options: Mapping[str, Any], optimizer: Optimizer | None) -> None:
+    """Refuse keywords that `optimize` does not have; those of an optimizer belong to it."""
+    if options:
+        kind = MMA if optimizer is None else type(optimizer)
+        validation.keywords("optimize", options, optimize, kind)
+        raise ValueError(
+            f"optimize: give {sorted(options)} to the optimizer, optimizer={kind.__name__}(...)"
+        )
 
 
 def _ranks(problem: Problem) -> MPI.Comm:
@@ -203,219 +201,3 @@ def _ranks(problem: Problem) -> MPI.Comm:
     kind = ("flexible", "value", "differentiate", "calibrated")
     validation.implementation("optimize: problem", problem, kind, "a Problem")
     return ranks_of(problem)
-
-
-def _checked(
-    comm: MPI.Comm,
-    problem: Problem,
-    design: Any,
-    start: Any,
-    *,
-    optimizer: Optimizer | None,
-    volume: float | Mapping[str, float],
-    gradient: GradientMethod | None,
-    iterations: int,
-    output: str | Path | None,
-    resume: bool,
-    progress: bool,
-    callback: Callback | None,
-    mode_tolerance: float | None,
-    boundary: int | None,
-    options: Mapping[str, Any],
-) -> _Checked:
-    """The arguments of `optimize`, or an error if they do not fit each other."""
-    compared: dict[str, Any] = {"iterations": iterations, "volume": volume, "resume": resume}
-    compared |= {"output": output is not None, "optimizer": optimizer, "gradient": gradient}
-    compared |= {"options": options, "mode_tolerance": mode_tolerance, "boundary": boundary}
-    check_alike(comm, "optimize", compared)
-    iterations = validation.integer("optimize: iterations", iterations)
-    if boundary is not None:
-        validation.integer("optimize: boundary", boundary)
-    validation.flag("optimize: resume", resume)
-    validation.flag("optimize: progress", progress)
-    folder = None if output is None else validation.path("optimize: output", output)
-    if callback is not None:
-        takes = "iteration, density and evaluation"
-        validation.function("optimize: callback", callback, takes)
-    if gradient is not None:
-        members = ("__call__", "exact")
-        validation.implementation("optimize: gradient", gradient, members, "ExactAdjoint()")
-    if mode_tolerance is not None:
-        validation.number("optimize: mode_tolerance", mode_tolerance, above=0.0)
-    if resume and output is None:
-        raise ValueError(
-            "optimize: resume=True needs the folder of the checkpoint: give it as output"
-        )
-    design = _with_parameters(problem, design)
-    sizing = sized(problem, design)
-    all_sized = sizing is not None and not sizing[0].flexible
-    given_volume = all_sized and volume != _VOLUME
-    if sizing and (given_volume or gradient or not isinstance(optimizer, MMA | None)):
-        raise ValueError(
-            "optimize: dimensions take MMA, the exact gradient, and no volume; bound the "
-            "material by a constraint, ffr.Constraint(ffr.Mass(name), upper=...)"
-        )
-    designs = _by_body(*(sizing or (problem, design)))
-    tuned = [d for d in designs.values() if isinstance(d, ParameterDesign)]
-    if tuned and gradient is not None and not gradient.exact:
-        raise ValueError("optimize: parameters take the exact gradient")
-    if optimizer is not None:
-        needed = "LevelSetEvolution(...) or MMA(...)"
-        validation.implementation("optimize: optimizer", optimizer, ("run",), needed)
-    if options:
-        taker = MMA if optimizer is None else type(optimizer)
-        validation.keywords("optimize", options, optimize, taker)
-        give = f"give {sorted(options)} to the optimizer"
-        raise ValueError(f"optimize: {give}, optimizer={taker.__name__}(...)")
-    problem = _of_plates(problem, designs, optimizer)
-    starts = start if isinstance(start, Mapping) else dict.fromkeys(designs, start)
-    if start is None:
-        starts = {name: d.even() for name, d in designs.items()}
-    domains = {name: d.domain for name, d in designs.items() if isinstance(d, Design)}
-    bounds = volume if isinstance(volume, Mapping) else dict.fromkeys(domains, volume)
-    for argument, by_body, names in (("start", starts, designs), ("volume", bounds, domains)):
-        if set(by_body) != set(names):
-            raise ValueError(
-                f"optimize: {argument} is given for {sorted(by_body)}, and the designs are of "
-                f"{sorted(names)}"
-            )
-    begin = {name: validation.numbers("optimize: start", starts[name]) for name in designs}
-    check_alike(comm, "optimize", {f"the start of {n!r}": x for n, x in begin.items()})
-    flat = isinstance(problem, Problem) and {d.dimension for d in domains.values()} == {2}
-    steps = boundary or 0
-    if boundary is None and flat and (gradient is None or gradient.exact):
-        steps = default_steps(iterations)
-    if steps and not (isinstance(problem, Problem) and domains):
-        raise ValueError(
-            "optimize: a boundary moves after a design of densities, of a Problem; give boundary=0"
-        )
-    filled = {
-        name: validation.number(f"optimize: volume of {name!r}", bounds[name], above=0.0, most=1.0)
-        for name in domains
-    }
-    return _Checked(
-        problem=problem if sizing is None else sizing[0],  # type: ignore[arg-type]
-        designs=designs,
-        domains=domains,
-        begin=begin,
-        filled=filled,
-        sizing=sizing,
-        tuned=bool(tuned),
-        folder=folder,
-        steps=steps,
-    )
-
-
-def _of_plates(
-    problem: Problem, designs: Mapping[str, Variables], optimizer: Optimizer | None
-) -> Problem:
-    """The problem with stiffness and mass in proportion to the thickness of designs with a web.
-
-    A ValueError is raised if that is not so, or if the web would not matter.
-    """
-    webs = [n for n, design in designs.items() if isinstance(design, Design) and design.web]
-    if not webs:
-        return problem
-    named = ", ".join(map(repr, webs))
-    if optimizer is not None and not isinstance(optimizer, MMA):
-        raise ValueError(f"optimize: the web of {named} takes MMA(...), not {optimizer!r}")
-    for name in webs:
-        if problem.flexible[name].material.out_of_plane:
-            raise ValueError(
-                f"optimize: the web of {name!r} is for plane stress, in which stiffness and mass "
-                "are in proportion to the thickness; give the body PlaneStress(...), or leave the "
-                "web out"
-            )
-    objectives = [case.objective for case in problem.load_cases.values()]
-    objectives += [constraint.objective for constraint in problem.constraints]
-    for term in (term for objective in objectives for _, term in objective._summands()):
-        if isinstance(term, PeakStress) and term.body in webs and term.relaxation:
-            raise ValueError(
-                f"optimize: PeakStress({term.body!r}) counts less of the stress in a web than in "
-                "the full thickness, as in densities that are to vanish; give it relaxation=0"
-            )
-    plates = {name: problem.flexible[name].with_interpolation(PLATE) for name in webs}
-    return problem.with_bodies(plates)
-
-
-def default_steps(iterations: int) -> int:
-    """The default number of boundary steps for a number of iterations on the elements."""
-    return min(iterations // 2, _BOUNDARY)
-
-
-def _with_parameters(
-    problem: Problem, design: Variables | Parameters | Mapping[str, Variables | Parameters]
-) -> Variables | Mapping[str, Variables]:
-    """The designs with parameters as variables, or an error if the problem has others."""
-    if isinstance(design, Parameters) and not problem.flexible:
-        design = {"parameters": design}
-    by_name = design if isinstance(design, Mapping) else {"": design}
-    parameters = {name: entry for name, entry in by_name.items() if isinstance(entry, Parameters)}
-    expected = getattr(problem, "parameters", None)
-    for name, entry in parameters.items():
-        if expected is None or not entry.fits(expected):
-            raise ValueError(
-                f"optimize: {name or 'the design'!r} has the parameters {entry.names}, and the "
-                f"mechanism of the problem {'none' if expected is None else expected.names}, or "
-                "with other bounds; make it by parameters.mechanism(...)"
-            )
-        if name in problem.bodies or len(parameters) > 1:
-            raise ValueError(
-                f"optimize: parameters stand once, under a name that no body has, not as {name!r}"
-            )
-    if not parameters:
-        if expected is not None:
-            warn(
-                f"optimize: the parameters {expected.names} of the mechanism keep their values, as "
-                "no design is given for them; give a mapping, as {'rod': design, 'machine': "
-                "problem.parameters}, to design them, too, or make the mechanism without them",
-            )
-        return design  # type: ignore[return-value]
-    return {n: ParameterDesign(p) if n in parameters else p for n, p in by_name.items()}  # type: ignore[misc, arg-type]
-
-
-def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> dict[str, Variables]:
-    """The designs in the order of the problem's bodies, and then those without a domain."""
-    names = list(problem.flexible)
-    if isinstance(design, Mapping):
-        without_domain = [
-            n for n, entry in design.items() if n not in names and not isinstance(entry, Design)
-        ]
-        if set(design) != {*names, *without_domain} or not design:
-            raise ValueError(
-                f"optimize: designs are given for {sorted(design)}, and the problem has {names}"
-            )
-        by_body = {name: design[name] for name in [*names, *without_domain]}
-    elif len(names) != 1:
-        raise ValueError(
-            f"optimize: one design designs one body, and the problem has {sorted(names)}; give a "
-            "mapping from name to design, or some bodies as VolumeIntegrals"
-        )
-    else:
-        by_body = {names[0]: design}
-    for name, entry in by_body.items():
-        label = f"optimize: the design of {name!r}"
-        if name in names:
-            validation.instance(label, entry, Design, "a LevelSet or a DensityDesign")
-        else:
-            validation.instance(label, entry, Variables, "Variables")
-        if not isinstance(entry, Design):
-            continue
-        if entry.domain is not problem.flexible[name].domain:
-            raise ValueError(
-                f"optimize: the design of {name!r} is not on the domain of the problem's body; "
-                f"make it on problem.bodies[{name!r}].domain"
-            )
-        # with a web there is a rim along all of the outline
-        undefended = [] if entry.web else entry.domain.designed_interfaces
-        if entry.hole_rim:
-            undefended = [
-                interface for interface in undefended if not entry.domain.on_hole(interface)
-            ]
-        if undefended:
-            warn(
-                f"optimize: no cell of {name!r} along {', '.join(map(repr, undefended))} stays "
-                "solid: the design may take all material away from there, and encloses no part "
-                "then; keep cells along each interface solid (Domain(..., solid=...))",
-            )
-    return by_body

@@ -38,7 +38,7 @@ _TETRAHEDRA = 250_000
 
 
 class DesignWarning(UserWarning):
-    """A run did not begin as it was asked to, or its result violates what was asked for."""
+    """A run ignores an argument, or its result violates a constraint or makes no part."""
 
 
 def warn(text: str, stacklevel: int = 4) -> None:
@@ -80,7 +80,7 @@ class BoundaryResult:
             entry is the best trial on meshes that resolve notches and walls.
         reason: Why it ended: "iterations", "no better step", "interrupted", or "terminated" by
             SIGTERM.
-        mode_errors: Estimated relative error of psi by the normal modes that each body leaves out.
+        mode_errors: Estimated relative error of psi by the truncated normal modes of each body.
         materials: The material within the boundaries at each step of the history, as polygons
             [m], by body.
         violations: Violations of bounds and sizes by the parts, as of `Result`.
@@ -134,7 +134,7 @@ class BoundaryResult:
 
 @dataclass(frozen=True, repr=False)
 class Result(Shown):
-    """A design and its history.
+    """The result of a run: the design, its evaluation and its history.
 
     Attributes:
         densities: Densities of this rank's cells by body, shape (cells,).
@@ -361,7 +361,7 @@ class Result(Shown):
         validation.keywords("result.finish", options, verify)
         if self.terminated:
             warn(
-                "finish: no part is made of this design, as SIGTERM has ended its run: continue "
+                "finish: no part is made, because SIGTERM has interrupted the run: continue it "
                 "with optimize(..., resume=True)",
                 2,
             )
@@ -463,9 +463,9 @@ def deny(result: Result, names: Collection[str], error: Exception, stacklevel: i
     """Warn that the designs of some bodies make no part, which is a violation of each."""
     result.violations.update({f"part of {name}": 1.0 for name in names})
     warn(
-        f"no part comes of the design of {', '.join(map(repr, names))}, so it is not feasible: "
-        f"{error}; take smaller elements, more volume, another start, or an objective that loads "
-        "the interfaces, which the frequency of a free body does not",
+        f"no part can be made of the design of {', '.join(map(repr, names))}, which is therefore "
+        f"not feasible: {error}; take smaller elements, more volume, another start, or an "
+        "objective that loads the interfaces, which the frequency of a free body does not",
         stacklevel + 1,
     )
 

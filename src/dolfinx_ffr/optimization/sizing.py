@@ -78,7 +78,7 @@ class Sizing:
         except TrialFailed as failed:
             error = failed.__cause__
             if self._begun and len(bodies) < len(self._designs):
-                warn(f"optimize: a step is rejected, as its body cannot be made: {error}")
+                warn(f"optimize: a step is rejected, because its body cannot be made: {error}")
             raise SimulationError(str(error), getattr(error, "trajectory", None)) from error  # type: ignore[arg-type]
         self._begun = True
         dimensions = {

@@ -159,8 +159,8 @@ class GradientElements:
             return away
         if self.grid is None and self.share is None:
             raise ValueError(
-                "gradient elements: a band needs a boundary, and none is known; give a grid "
-                "spacing too, or a share"
+                "gradient elements: a band needs a boundary, which this design does not have; "
+                "give a grid spacing too, or a share"
             )
         return None
 

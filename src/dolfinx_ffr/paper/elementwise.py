@@ -131,8 +131,7 @@ def integral_derivatives(
     if body.domain.dimension == 3 or body.stiffening is not None:
         missing = "geometric stiffness" if body.domain.dimension == 2 else "bodies in space"
         raise ValueError(
-            f"element by element: derivatives of {missing} are not offered; use Problem.gradient, "
-            "which has them"
+            f"element by element: derivatives of {missing} are not available; use Problem.gradient"
         )
     elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
     chosen = cell_numbers(body, cells)
@@ -223,8 +222,8 @@ def elementwise_gradient(
     partial = problem.partial_derivatives(evaluation)
     if partial.stresses:
         raise ValueError(
-            "element by element: derivatives of the stress of shape functions are not offered, "
-            f"and {problem.objective} depends on it; use Problem.gradient, which has them"
+            "element by element: derivatives of the stress of shape functions, on which "
+            f"{problem.objective} depends, are not available; use Problem.gradient"
         )
     direct, motion = problem.integral_gradients(evaluation)
     result = {}

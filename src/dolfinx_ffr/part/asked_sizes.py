@@ -13,7 +13,6 @@ import numpy as np
 import shapely
 
 from ..arrays import Array
-from ..fem import enclosed, polygon, walked
 from .enclosed import Enclosed
 from .options import CHECKS
 from .part import Part
@@ -47,8 +46,7 @@ def size_violations(part: Enclosed, member: float, gap: float | None = None) -> 
         advice = remedy
         if isinstance(part, Part) and _is_beside_solid(part, thinnest):
             advice = (
-                "it is along a region that stays solid: draw that wider there, or give a wider "
-                "solid_rim"
+                "it is along a solid region: draw the region wider there, or give a wider solid_rim"
             )
         violations.append(_violation("thinnest member", thinnest, member, advice))
 
@@ -67,8 +65,8 @@ def place(position: Array) -> str:
 def _violation(what: str, width: Width, minimum: float, remedy: str) -> PartViolation:
     where = place(width.ends.mean(axis=0))
     sentence = (
-        f"the {what} is {1e3 * width.value:.3g} mm at {where}, where {1e3 * minimum:.3g} mm were "
-        f"asked for: {remedy}"
+        f"the {what} is {1e3 * width.value:.3g} mm at {where}, below the minimum of "
+        f"{1e3 * minimum:.3g} mm: {remedy}"
     )
     return PartViolation(f"{what} near {where}", 1.0 - width.value / minimum, sentence)
 
@@ -82,15 +80,9 @@ def _is_beside_solid(part: Part, member: Width) -> bool:
 
 def solid_regions(part: Part) -> list[shapely.Polygon]:
     """The regions of a part that stay solid, as polygons within its accuracy [m]."""
-    regions = []
-    for face in part.drawing.faces:
-        if face.group == "solid":
-            loops = [walked(part.drawing.curves, loop) for loop in face.loops]
-            rings = [polygon(loop, part.accuracy) for loop in loops]
-            outer = int(np.argmax([enclosed(loop)[0] for loop in loops]))
-            holes = [ring for k, ring in enumerate(rings) if k != outer]
-            regions.append(shapely.Polygon(rings[outer], holes))
-    return regions
+    drawing = part.drawing
+    solid_faces = [face for face in drawing.faces if face.group == "solid"]
+    return [drawing.polygon(face.loops, part.accuracy) for face in solid_faces]
 
 
 def _gap_of_design(part: Part, gap: float) -> Width | None:

@@ -4,15 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count, pairwise
 
 import numpy as np
 
 from ..arrays import Array, Integers, Mask
-from ..fem import Arc, Curve, Line, nearest_circle
+from ..fem import Arc, Curve, Line, nearest_circle, turns
 from .cut import Segments
-from .field import Field, turns
+from .field import Field
 from .fitting import corners, fitted, followed, thinned
 from .lattice import Lattice
 from .options import CURVES
@@ -30,11 +30,6 @@ class Side:
     left: int  #: DESIGN or SOLID
     right: int  #: VOID, or SOLID right of DESIGN
     interface: int  #: Number of the interface, -1 where there is none
-
-    def reversed(self) -> Side:
-        """The same side, seen from its right."""
-        curve, nodes = self.curve.reversed(), self.nodes[::-1]
-        return replace(self, curve=curve, nodes=nodes, left=self.right, right=self.left)
 
 
 def boundary(
@@ -104,8 +99,7 @@ def _side_of_mesh(
     """The curve of a chain along the mesh, and the nodes at its ends."""
     x, ends = points[chain], (chain[0], chain[-1])
     if circle is not None:
-        angles = np.unwrap(np.arctan2(*(x - circle[:2]).T[::-1]))
-        return ends, Arc(x[0], x[-1], circle[:2], float(angles[-1] - angles[0]))
+        return ends, Arc.along(x, circle[:2])
     if lattice.curved:
         return ends, fitted(x, 1e-3 * tolerance, closed=chain[0] == chain[-1])
     return ends, Line(x[0], x[-1])

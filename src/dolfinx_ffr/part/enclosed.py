@@ -35,8 +35,7 @@ class Findings:
 
     pieces: int  #: Number of connected pieces
     lost_interfaces: list[str]  #: Interfaces without material
-    loose_warning: str  #: Says that loose pieces are left out; empty if there are none
-    warnings: list[str]  #: All other warnings
+    warnings: list[PartWarning]  #: What a user must know, loose pieces first
 
 
 class Enclosed(Shown, ABC):
@@ -61,7 +60,9 @@ class Enclosed(Shown, ABC):
         self.body = validation.instance(f"{self.kind}: domain", domain, Domain, "a Domain")
         if domain.dimension != self.dimension:
             place, kind = ("space", "Solid") if domain.dimension == 3 else ("the plane", "Part")
-            raise ValueError(f"{self.kind}: the body is in {place}; {kind} is for such bodies")
+            raise ValueError(
+                f"{self.kind}: the body is in {place}; take a {kind} for bodies in {place}"
+            )
         validation.function(f"{self.kind}: field", field, "positions")
         #: Positive in the material, of positions (n, dimension) [m]
         self.field = field
@@ -105,15 +106,12 @@ class Enclosed(Shown, ABC):
     @property
     def warnings(self) -> list[str]:
         """The warnings that it was made with."""
-        loose = self._findings.loose_warning
-        return ([loose] if loose else []) + self._findings.warnings
+        return [str(warning) for warning in self._findings.warnings]
 
     def _warn(self) -> None:
         """Issue all warnings at the line that makes the part or the solid."""
-        for text in self.warnings:
-            is_loose = text == self._findings.loose_warning
-            category = LoosePieceWarning if is_loose else PartWarning
-            warnings.warn(f"{self.kind}: {text}", category, stacklevel=3)
+        for warning in self._findings.warnings:
+            warnings.warn(f"{self.kind}: {warning}", type(warning), stacklevel=3)
 
     @property
     def lost_interfaces(self) -> list[str]:
@@ -131,8 +129,8 @@ class Enclosed(Shown, ABC):
         material = self._material_for("its mass")
         if not self.weighs:
             raise ValueError(
-                f"{self.kind}: its material {type(material).__name__} has no attribute density "
-                "[kg/m^3], which its mass needs"
+                f"{self.kind}: the material {type(material).__name__} needs the attribute density "
+                "[kg/m^3] for a mass"
             )
         return self.volume * float(material.density)
 
@@ -166,7 +164,7 @@ class Enclosed(Shown, ABC):
         """The material; a ValueError if there is none from which a ``quantity`` follows."""
         if self.material is None:
             raise ValueError(
-                f"{self.kind}: {quantity} is that of a material; make it with "
+                f"{self.kind}: {quantity} needs a material; make the {self.kind} with "
                 f"{type(self).__name__}(..., material=)"
             )
         return self.material

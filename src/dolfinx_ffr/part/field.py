@@ -43,9 +43,9 @@ def refuse_zero(kind: str, values: Array, cells: Integers) -> None:
     """Refuse values (points,) that are zero all over designed cells (cells, corners)."""
     if count := int(np.count_nonzero(np.all(values[cells] == 0.0, axis=1))):
         raise ShapeError(
-            f"{kind}: the field is zero all over {count} of {len(cells)} cells of the lattice, and "
-            "says neither material nor void there; give a field that is positive in material and "
-            "negative in void, as density - 0.5"
+            f"{kind}: the field is zero all over {count} of {len(cells)} cells of the lattice, "
+            "which leaves open whether there is material; give a field that is positive in "
+            "material and negative in void, as density - 0.5"
         )
 
 
@@ -77,14 +77,3 @@ def zeros_between(field: Field, a: Array, b: Array, at_a: Array, at_b: Array) ->
         done = (np.abs(value) <= 1e-14 * size[i]) | (np.abs(t[i] - s[i]) < 1e-14)
         active = i[~done]
     return zeros
-
-
-def cross(a: Array, b: Array) -> Array:
-    """The cross products of vectors (..., 2) in the plane."""
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
-
-
-def turns(sides: Array) -> Array:
-    """The angles (n - 1,) between sides (n, 2) that follow each other, anticlockwise [rad]."""
-    before, after = sides[:-1], sides[1:]
-    return np.asarray(np.arctan2(cross(before, after), np.einsum("ij,ij->i", before, after)))

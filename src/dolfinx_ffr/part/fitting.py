@@ -13,8 +13,8 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline, splprep
 
 from ..arrays import Array
-from ..fem import Curve, Line, ShapeError, Spline
-from .field import Field, cross, evaluated, turns
+from ..fem import Curve, Line, ShapeError, Spline, chord_lengths, cross, turns
+from .field import Field, evaluated
 from .options import CURVES
 
 _AXES = np.eye(2)
@@ -89,7 +89,7 @@ def followed(points: Array, field: Field, tolerance: float, *, closed: bool = Fa
     is_new = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * tolerance
     points = points[np.append(True, is_new)] if np.any(is_new) else points
     for _ in range(CURVES.rounds if len(points) > (6 if closed else 3) else 0):
-        u = _chord_lengths(points)
+        u = chord_lengths(points)
         spline = make_interp_spline(u, points, k=3, bc_type="periodic" if closed else None)
         between = spline(0.5 * (u[1:] + u[:-1]))
         step = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -121,12 +121,6 @@ def projected(points: Array, field: Field, reach: Array) -> Array:
     return x
 
 
-def _chord_lengths(points: Array) -> Array:
-    """Parameters of points in proportion to the chords between them, from 0 to 1."""
-    u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    return np.asarray(u / u[-1])
-
-
 def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
     """A curve from the first to the last of points (n, 2), at most a tolerance [m] from all."""
     start, end = points[0], points[-1]
@@ -143,7 +137,7 @@ def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
             f"part: the zero line has a piece without length near ({x:.6g}, {y:.6g}) mm; give "
             "another resolution"
         )
-    u = _chord_lengths(points)
+    u = chord_lengths(points)
     if closed and len(points) < 6:  # a speck: its polygon
         return Spline(np.concatenate([[0.0], u, [1.0]]), points.copy(), 1)
     degree = min(3, len(points) - 1)

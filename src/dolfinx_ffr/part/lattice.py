@@ -11,10 +11,9 @@ import basix
 import numpy as np
 
 from ..arrays import Array, Integers
-from ..fem import Domain, _compat
+from ..fem import Domain, _compat, cross
 from ..limits import check_count
 from ..parallel import announce, on_every_rank
-from .field import cross
 from .options import CURVES
 
 #: What a cell is: outside of the body or empty for ever, designed, material for ever

@@ -147,8 +147,8 @@ def _outside(position: Array, depth: float, least: float) -> PartViolation:
 def _rim(center: Array, width: float, rim: float) -> PartViolation:
     where = place(center)
     sentence = (
-        f"the rim of the hole near {where} is {1e3 * width:.3g} mm wide, where "
-        f"{1e3 * rim:.3g} mm were asked for: take smaller elements, another start or a larger "
-        "volume, or ask for less (hole_rim)"
+        f"the rim of the hole near {where} is {1e3 * width:.3g} mm wide, below its minimum of "
+        f"{1e3 * rim:.3g} mm: take smaller elements, another start or a larger volume, or a "
+        "smaller hole_rim"
     )
     return PartViolation(f"rim of the hole near {where}", 1.0 - width / rim, sentence)

@@ -42,18 +42,18 @@ from ..fem import (
     mesh_faces,
     polygon,
     ring,
-    walked,
+    turns,
 )
 from ..parallel import on_rank_0
 from .boundary import Side, boundary
 from .cut import cut
-from .enclosed import Findings
-from .export import Loop, Sheet, write
-from .field import Field, turns
+from .enclosed import Findings, LoosePieceWarning, PartWarning
+from .export import Sheet, write
+from .field import Field
 from .in_space import mesh_solid
 from .lattice import Lattice
 from .options import CURVES, MESHES
-from .pieces import attached, drawing, outlines, pieces
+from .pieces import attached, drawing, pieces
 from .pockets import pocket_faces
 from .verify import Verifiable
 from .widths import Width, member_widths, narrowest_gap, thinnest_member
@@ -171,7 +171,7 @@ class Part(Verifiable):
             drawing=drawing,
             pieces=len(part.outlines),
             loose=[],
-            loose_warning="",
+            warnings=[w for w in self._findings.warnings if not isinstance(w, LoosePieceWarning)],
         )
         # the field of the first part has another boundary
         part.field = lambda x: 2.0 * shapely.contains_xy(part.polygon, *np.transpose(x)) - 1.0
@@ -180,7 +180,7 @@ class Part(Verifiable):
     @cached_property
     def outlines(self) -> Outlines:
         """For each piece the outer loop of curves, counterclockwise, then its holes, clockwise."""
-        return _curves(outlines(self.drawing, self.drawing.faces, self.accuracy))
+        return _outlines(self.drawing, self.accuracy)
 
     @property
     def holes(self) -> int:
@@ -243,8 +243,7 @@ class Part(Verifiable):
 
     @property
     def _floor_moments(self) -> Array:
-        loops = [loop for face in self.pockets for loop in face.loops]
-        moments = [enclosed(walked(self.drawing.curves, loop)) for loop in loops]
+        moments = [self.drawing.moments(face.loops) for face in self.pockets]
         return np.sum(moments, axis=0) if moments else np.zeros(3)
 
     @property
@@ -297,16 +296,14 @@ class Part(Verifiable):
 
     @property
     def _sheet(self) -> Sheet:
-        curves = self.drawing.curves
+        drawing = self.drawing
+        pieces = drawing.outlines([*drawing.faces, *self.pockets], self.accuracy)
         return Sheet(
-            outlines(self.drawing, [*self.drawing.faces, *self.pockets], self.accuracy),
+            [[drawing.grouped(loop) for loop in loops] for loops in pieces],
             list(self.body.interfaces),
             self.polygon,
             lambda: self.thickness,
-            pockets=[
-                [[(curve, "") for curve in walked(curves, loop)] for loop in face.loops]
-                for face in self.pockets
-            ],
+            pockets=[[drawing.grouped(loop) for loop in face.loops] for face in self.pockets],
             floors=self.floors,
             web=self.web,
         )
@@ -444,16 +441,15 @@ def _find(
     of_part = [sides[i] for piece in attachment.pieces for i in piece.sides]
 
     drawn = drawing(sides, attachment.pieces, names)
-    around = _curves(outlines(drawn, drawn.faces, accuracy))
+    around = _outlines(drawn, accuracy)
     loose = []
     for piece in attachment.loose:
         alone = drawing(sides, [piece], names)
-        (outline,) = _curves(outlines(alone, alone.faces, accuracy))
+        (outline,) = _outlines(alone, accuracy)
         loose.append(LoosePiece(piece.area, piece.center, outline))
     return _Findings(
         pieces=len(around),
         drawing=drawn,
-        loose_warning=attachment.loose_warning,
         warnings=attachment.warnings + _polygon_warnings(of_part, names),
         loose=loose,
         lost_interfaces=[name for name, length in lengths_of_pieces.items() if length == 0.0],
@@ -469,12 +465,13 @@ def _lengths(chains: Array, interface: Integers, names: Sequence[str]) -> dict[s
     return dict(zip(names, total.tolist(), strict=True))
 
 
-def _curves(pieces: Sequence[Sequence[Loop]]) -> Outlines:
-    """The curves of loops, without their groups."""
-    return [[[curve for curve, _ in loop] for loop in loops] for loops in pieces]
+def _outlines(drawing: Drawing, accuracy: float) -> Outlines:
+    """The curves around the pieces of a drawing, by polygons of an accuracy [m]."""
+    pieces = drawing.outlines(drawing.faces, accuracy)
+    return [[drawing.walked(loop) for loop in loops] for loops in pieces]
 
 
-def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
+def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[PartWarning]:
     """Warnings of interfaces that may be round bores, but whose mesh is too coarse for arcs."""
     warnings = []
     for number, name in enumerate(names):
@@ -489,8 +486,10 @@ def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
                     else "draw it as a circle"
                 )
                 warnings.append(
-                    f"the interface {name!r} is a polygon of {len(wall)} sides, with its corners "
-                    f"on a circle: if it is a round bore, {remedy}"
+                    PartWarning(
+                        f"the interface {name!r} is a polygon of {len(wall)} sides, with its "
+                        f"corners on a circle: if it is a round bore, {remedy}"
+                    )
                 )
     return warnings
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..fem import Curve, Drawing, Face, ShapeError, connected, directed_faces, enclosed, walked
+from ..fem import Drawing, Face, ShapeError, connected
 from .boundary import Side
+from .enclosed import LoosePieceWarning, PartWarning
 from .lattice import DESIGN, SOLID
 
 _GROUPS = {DESIGN: "design", SOLID: "solid"}
@@ -33,8 +34,7 @@ class Attachment:
 
     pieces: list[Piece]  #: Those that touch one, which the part is made of
     loose: list[Piece]  #: Those that touch none, which are left out
-    loose_warning: str  #: Says that they are left out; empty if there are none
-    warnings: list[str]  #: All other warnings
+    warnings: list[PartWarning]  #: The first says that loose ones are left out
 
 
 def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
@@ -42,7 +42,14 @@ def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
 
     The tolerance is that of the polygons by which holes are found in their faces [m].
     """
-    faces, moments = _faces(sides, tolerance)
+    lines = Drawing([side.curve for side in sides], [side.nodes for side in sides], [], [])
+    faces = []
+    for kind, group in _GROUPS.items():
+        beside = [(i, True) for i, side in enumerate(sides) if side.left == kind]
+        beside += [(i, False) for i, side in enumerate(sides) if side.right == kind]
+        faces += [Face(group, loops) for loops in lines.faces_beside(beside, tolerance)]
+    moments = [lines.moments(face.loops) for face in faces]
+
     faces_at: dict[int, list[int]] = {}  # by the number of a side
     for number, face in enumerate(faces):
         for loop in face.loops:
@@ -60,51 +67,6 @@ def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
         center = np.array(moment) / area
         result.append(Piece(bounds, [faces[f] for f in members], interfaces, area, center))
     return sorted(result, key=lambda piece: -piece.area)
-
-
-def _faces(sides: Sequence[Side], tolerance: float) -> tuple[list[Face], list[Array]]:
-    """The faces between sides, and the area and the first moments of each, (3,)."""
-    faces, moments = [], []
-    for kind, group in _GROUPS.items():
-        forward = [i for i, side in enumerate(sides) if side.left == kind]
-        backward = [i for i, side in enumerate(sides) if side.right == kind]
-        numbers = [(i, True) for i in forward] + [(i, False) for i in backward]
-        directed = [sides[i] for i in forward] + [sides[i].reversed() for i in backward]
-        for loops in _directed(directed, tolerance):
-            faces.append(Face(group, [[numbers[i] for i in loop] for loop in loops]))
-            areas = [enclosed([directed[i].curve for i in loop]) for loop in loops]
-            moments.append(np.sum(areas, axis=0))
-    return faces, moments
-
-
-def _directed(sides: Sequence[Side], tolerance: float) -> list[list[list[int]]]:
-    """The faces on the left of directed sides, by the numbers of these along each loop."""
-    curves = [side.curve for side in sides]
-    return directed_faces(curves, [side.nodes for side in sides], tolerance)
-
-
-def outlines(
-    drawing: Drawing, faces: Sequence[Face], tolerance: float
-) -> list[list[list[tuple[Curve, str]]]]:
-    """The boundary of some faces of a drawing together: for each piece the outer loop, then holes.
-
-    Loops are of curves with their groups, the faces on the left. The tolerance is that of the
-    polygons by which holes are found in pieces [m].
-    """
-    sides = outer_sides(faces)
-    curves = walked(drawing.curves, sides)
-    nodes = [drawing.nodes[i] if forward else drawing.nodes[i][::-1] for i, forward in sides]
-    return [
-        [[(curves[k], drawing.groups[sides[k][0]]) for k in loop] for loop in loops]
-        for loops in directed_faces(curves, nodes, tolerance)
-    ]
-
-
-def outer_sides(faces: Sequence[Face]) -> list[tuple[int, bool]]:
-    """The sides that bound one of some faces alone; forward where it is on the left."""
-    around = [side for face in faces for loop in face.loops for side in loop]
-    walked_both_ways = set(around)
-    return [(i, forward) for i, forward in around if (i, not forward) not in walked_both_ways]
 
 
 def drawing(sides: Sequence[Side], pieces: Sequence[Piece], names: Sequence[str]) -> Drawing:
@@ -142,35 +104,38 @@ def attached(
             f"part: no piece of the material touches an interface ({', '.join(map(repr, names))}); "
             "is the field positive in the material?"
         )
-    loose_warning, warnings = "", []
+    warnings: list[PartWarning] = []
     loose = [piece for piece in pieces if not (joined or piece.interfaces)]
     if loose:
         listed = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
         ellipsis = ", ..." if len(loose) > 5 else ""
-        loose_warning = (
+        sentence = (
             f"{len(loose)} loose pieces touch no interface and are left out: {listed}{ellipsis}; "
             "the part has less material than the design"
         )
+        warnings.append(LoosePieceWarning(sentence))
+
     remaining = {name: lengths_of_pieces[name] / lengths[name] for name in names}
+    sentences = []
     if lost := [name for name, share in remaining.items() if share == 0.0]:
-        warnings.append(
-            f"the interfaces {', '.join(map(repr, lost))} are left without material; make the "
-            "cells at them solid, or leave them out of the mechanism"
+        sentences.append(
+            f"the interfaces {', '.join(map(repr, lost))} have no material; keep the cells along "
+            "them solid, or leave them out of the mechanism"
         )
     if cut := {name: share for name, share in remaining.items() if 0.0 < share < 1.0 - 1e-6}:
         listed = ", ".join(f"{100 * share:.3g} % of {name!r}" for name, share in cut.items())
-        warnings.append(
-            f"of some interfaces only a share is left, {listed}; make the cells at them solid to "
-            "keep all of it"
+        sentences.append(
+            f"some interfaces have lost a share of their material, {listed}; keep the cells along "
+            "them solid"
         )
     if not joined:
         _check_connected(in_part, names)
     if not joined and len(in_part) > 1:
-        warnings.append(
+        sentences.append(
             f"the material is in {len(in_part)} pieces that only interfaces hold together, the "
             f"smallest of {1e6 * in_part[-1].area:.3g} mm2 near {_point(in_part[-1].center)}"
         )
-    return Attachment(in_part, loose, loose_warning, warnings)
+    return Attachment(in_part, loose, [*warnings, *map(PartWarning, sentences)])
 
 
 def _check_connected(pieces: Sequence[Piece], names: Sequence[str]) -> None:

@@ -6,9 +6,8 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from ..fem import Drawing, Face, ShapeError, directed_faces, face_polygon, ring, walked
+from ..fem import Drawing, Face, ShapeError, outer_sides
 from .options import CURVES
-from .pieces import outer_sides
 
 
 def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> list[Face]:
@@ -24,22 +23,15 @@ def pocket_faces(drawing: Drawing, body: shapely.Geometry, spacing: float) -> li
     """
     # with the face on the right
     sides = [(i, not forward) for i, forward in outer_sides(drawing.faces)]
-    curves = walked(drawing.curves, sides)
-    nodes = [drawing.nodes[i] if forward else drawing.nodes[i][::-1] for i, forward in sides]
     accuracy = 0.01 * CURVES.strip * spacing
-
-    def polygon(loop: list[int]) -> shapely.Polygon:
-        return shapely.Polygon(ring([curves[i] for i in loop], accuracy))
-
     faces, floors = [], []
-    for loops in directed_faces(curves, nodes, accuracy):
-        outer, *islands = map(polygon, loops)
-        floor = outer.difference(shapely.union_all(islands))
+    for loops in drawing.faces_beside(sides, accuracy):
+        floor = drawing.polygon(loops, accuracy)
         if body.covers(floor.representative_point()):
-            faces.append(Face("pocket", [[sides[i] for i in loop] for loop in loops]))
+            faces.append(Face("pocket", loops))
             floors.append(floor)
 
-    full = [face_polygon(drawing.curves, face.loops, accuracy) for face in drawing.faces]
+    full = [drawing.polygon(face.loops, accuracy) for face in drawing.faces]
     missing = body.difference(shapely.union_all([*floors, *full]))
     missing = missing.buffer(-0.5 * CURVES.strip * spacing)
     if not missing.is_empty:

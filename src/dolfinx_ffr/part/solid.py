@@ -32,7 +32,7 @@ from ..fem import (
 from ..files import check_room, whole_file
 from ..parallel import on_rank_0
 from .ball_widths import Balls, surface_balls
-from .enclosed import Findings
+from .enclosed import Findings, LoosePieceWarning, PartWarning
 from .export import UNITS
 from .field import Field
 from .options import SOLIDS
@@ -261,6 +261,11 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Findings]
     loose = [float(v) for v in np.bincount(piece, volume)[~is_attached]]
     cavities = _cavities(points, triangles)
     lost = [name for i, name in enumerate(names) if not np.any(solid.facets == i)]
+    warnings: list[PartWarning] = []
+    if loose:
+        said = f"{len(loose)} pieces of {sum(loose):.3g} m^3 touch no interface and are left out"
+        warnings.append(LoosePieceWarning(said))
+    said_of_surface = _warnings(points[touching(triangles)], cavities, lost)
     findings = _Findings(
         points=points,
         triangles=triangles,
@@ -269,12 +274,7 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Findings]
         loose=loose,
         cavities=cavities,
         lost_interfaces=lost,
-        loose_warning=(
-            f"{len(loose)} pieces of {sum(loose):.3g} m^3 touch no interface and are left out"
-            if loose
-            else ""
-        ),
-        warnings=_warnings(points[touching(triangles)], cavities, lost),
+        warnings=[*warnings, *map(PartWarning, said_of_surface)],
     )
     return solid, findings
 
@@ -297,8 +297,8 @@ def _warnings(meeting: Array, cavities: list[Cavity], lost: list[str]) -> list[s
         ellipsis = ", ..." if len(cavities) > SOLIDS.places else ""
         warnings.append(
             f"enclosed cavities: {len(cavities)}, {volume:.3g} m^3 in all, about "
-            f"({'), ('.join(centers)}) m{ellipsis}; powder stays in them; drill a channel to each "
-            "in CAD"
+            f"({'), ('.join(centers)}) m{ellipsis}; powder stays in them: drill a channel to each "
+            "cavity in CAD"
         )
     if lost:
         warnings.append(f"the interfaces {lost} have no material; keep the cells along them solid")

@@ -83,8 +83,8 @@ def outer_faces(cells: Integers) -> tuple[Integers, Integers, Integers]:
     """
     if cells.max(initial=0) >= 2**21:
         raise ShapeError(
-            f"solid: {cells.max() + 1:,} corners are more than the {2**21:,} that can be told "
-            "apart; ask for a larger size or fewer meshes"
+            f"solid: {cells.max() + 1:,} corners are more than the limit of {2**21:,}; take a "
+            "larger size or fewer meshes"
         )
     faces = cells[:, SIDES].reshape(-1, 3)
     key = np.sort(faces, axis=1) @ np.array([2**42, 2**21, 1])

@@ -43,7 +43,7 @@ VERIFICATION = VerificationOptions()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verification:
-    """The figures of a design as reported, and of its parts on finer and finer meshes.
+    """The figures of a design, and of its parts on finer and finer meshes.
 
     Largest stresses are known of the design and of the parts on their finest mesh.
 
@@ -190,7 +190,7 @@ class Verification:
         for name, psi in finest.load_cases.items():
             reported = self.reported.load_cases[name]
             lines.append(
-                f"load case {name}: psi {reported:.5e} -> {psi:.5e}, {psi / reported:.4f} of that"
+                f"load case {name}: psi {reported:.5e} -> {psi:.5e}, ratio {psi / reported:.4f}"
             )
         for name, excess in finest.excesses.items():
             beyond = f", {100 * excess:.1f} % beyond its bound" if excess > 0.0 else ""
@@ -367,7 +367,8 @@ def verify(
             if not fitted:
                 raise
             warnings.warn(
-                f"verify: psi is that of one mesh less, and may still change: {error}",
+                "verify: the last mesh could not be made, so that psi of the mesh before is "
+                f"reported and may still change: {error}",
                 PartWarning,
                 stacklevel=2,
             )
@@ -430,7 +431,7 @@ def _check_parts(problem: Problem, parts: Mapping[str, Enclosed]) -> None:
         if part.lost_interfaces:
             raise ValueError(
                 f"verify: the part {name!r} has no material at the interfaces "
-                f"{part.lost_interfaces}, by which the problem holds it"
+                f"{part.lost_interfaces}, which the problem needs; keep the cells there solid"
             )
 
 
@@ -470,20 +471,20 @@ def _doubts(result: Verification) -> Iterator[str]:
         yield (
             f"psi still changes by {100 * result.change:.2g} % from {elements} of {coarse:.3g} mm "
             f"to {fine:.3g} mm; give a smaller size or more meshes (most=), or look for members "
-            "thinner than that"
+            f"thinner than {fine:.3g} mm"
         )
     if result.difference > VERIFICATION.difference:
         yield (
-            f"psi is {100 * result.difference:.1f} % above what was reported: elements bridge a "
-            "member that is broken or thinner than they are, or are coarse themselves. Look at "
-            "the picture of the part; design with a larger minimum_member, on smaller elements, "
-            "or from another start"
+            f"psi is {100 * result.difference:.1f} % above the reported value: elements bridge a "
+            "member that is broken or thinner than an element, or are too coarse. Look at the "
+            "picture of the part; design with a larger minimum_member, on smaller elements, or "
+            "from another start"
         )
     if result.differences:
         yield (
-            f"what was reported is not what the parts have: {'; '.join(result.differences)}. The "
-            "values of the parts are the ones to go by; smaller elements, or steps of the "
-            "boundary, bring both together"
+            f"the parts differ from their design: {'; '.join(result.differences)}. Use the values "
+            "of the parts; smaller elements, or steps of the boundary, make the differences "
+            "smaller"
         )
     for name, excess in result.violations.items():
         of_design = result.reported.excesses[name]
@@ -491,7 +492,7 @@ def _doubts(result: Verification) -> Iterator[str]:
             remedy = "design with a bound that much tighter"
         else:
             remedy = (
-                f"the design exceeds it by {100 * of_design:.1f} % itself: more iterations, "
+                f"the design itself exceeds it by {100 * of_design:.1f} %: take more iterations, "
                 "another start or another bound"
             )
         yield (

@@ -47,7 +47,7 @@ def plot_history(
     title: str = "",
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Path:
-    """Draw how a design came about, over the iterations.
+    """Draw the history of a design over the iterations.
 
     Each column has a panel: the objective, with the line of the solid body where it is given; the
     objectives of several load cases, each relative to its value at the start; the parameters of a
@@ -84,8 +84,8 @@ def plot_history(
                 panels.insert(1 if "psi" in panels else 0, prefix)
         if not panels:
             raise ValueError(
-                f"plot_history: the history has the columns {sorted(columns)} and must have a line "
-                f"and at least one of {list(_COLUMNS)}"
+                f"plot_history: the history has the columns {sorted(columns)}; it needs a line and "
+                f"at least one of {list(_COLUMNS)}"
             )
         count = len(next(iter(columns.values())))
         iteration = columns.get("iteration", np.arange(count, dtype=np.float64))

@@ -32,7 +32,7 @@ _DETAIL = np.array([1.92, 1.0])
 
 
 def plot_part(part: Part | Solid, path: str | Path, *, title: str = "") -> Path:
-    """Draw a part: its material, and details of where it is thinnest and tightest.
+    """Draw a part, with details of its thinnest member and narrowest gap.
 
     One sees the material in steel blue, floors of pockets lighter, the interfaces in colour,
     loose pieces that were left out in red, and framed the places that are enlarged below, each with

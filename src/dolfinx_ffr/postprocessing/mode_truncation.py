@@ -43,7 +43,7 @@ MOST = 0.9
 
 
 def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
-    """Estimated relative error of psi by the normal modes that each body leaves out.
+    """Estimated relative error of psi by the truncated normal modes of each body.
 
     It takes a back-substitution and one simulation with some seven coordinates more. Where a body
     has been reduced at another density since, its matrices are assembled and factored first. The
@@ -177,8 +177,8 @@ def select_modes(
         if not fits:
             raise ValueError(
                 f"select_modes: with all {n_modes} normal modes of body {name!r} the estimated "
-                f"error of psi is {errors[name][-1]:.1e}, and {tolerance:.1e} is not held by a "
-                "number that keeps close frequencies together; give the problem more modes to "
+                f"error of psi is {errors[name][-1]:.1e}, and no number that keeps close "
+                f"frequencies together reaches {tolerance:.1e}; give the problem more modes to "
                 "choose from"
             )
         chosen[name] = int(fits[0])
@@ -228,10 +228,10 @@ def warn_of_stiff_damping(
     shorter = relative_change(psi_without, psi_with_modes)
     if shorter < 0.5 * error:
         warnings.warn(
-            f"the error of psi by modes, estimated at {error:.1e}, is {shorter:.1e} with shorter "
-            "steps: not modes are missing, but the steps are too long for damping that is "
-            "proportional to stiffness, which acts on high frequencies within a step; take "
-            "shorter steps, RadauIIA, or TimeInterval(end_time, tolerance)",
+            f"the estimated error of psi by truncated modes is {error:.1e}, but {shorter:.1e} with "
+            "shorter steps: the steps are too long for damping proportional to stiffness, which "
+            "acts on high frequencies within a step; take shorter steps, RadauIIA, or "
+            "TimeInterval(end_time, tolerance)",
             TimeStepWarning,
             stacklevel=3,
         )
@@ -289,7 +289,7 @@ def _uncut(reduced: ReducedBody) -> Integers:
 
 
 class LocalModesWarning(UserWarning):
-    """Modes of a body shake nothing but loose or almost void pieces of it."""
+    """Normal modes of a body move only loose or nearly void pieces of it."""
 
 
 @dataclass(frozen=True)
@@ -310,7 +310,7 @@ class LocalModes:
 
 
 def local_modes(problem: Problem, evaluation: Evaluation) -> dict[str, LocalModes]:
-    """The normal modes that move almost nothing but loose and almost void pieces of their body.
+    """The normal modes that move only loose or nearly void pieces of their body.
 
     A mode is local if more than nine tenths of its kinetic energy lie outside the pieces that touch
     an interface and consist of cells of at least 0.3 of the mean density (by mass, so that void
@@ -360,11 +360,11 @@ def warn_of_local_modes(problem: Problem, evaluation: Evaluation) -> None:
         )
         ending = ", and others" if len(local.numbers) > 3 else ""
         warnings.warn(
-            f"{len(local.numbers)} of {len(modes)} normal modes of body {name!r} shake nothing but "
-            f"loose or almost void pieces: {listed}{ending}. They take the places of modes "
-            f"that matter, and hold {100.0 * local.share:.2g} % of the strain energy of the "
-            "motion, in void: empty these cells or join them to the rest; where that share is "
-            "negligible, so many modes more will do",
+            f"{len(local.numbers)} of {len(modes)} normal modes of body {name!r} move only loose "
+            f"or nearly void pieces: {listed}{ending}. They replace modes that matter, and contain "
+            f"{100.0 * local.share:.2g} % of the strain energy of the motion, in void cells: empty "
+            "these cells or join them to the rest; if that share is negligible, take so many "
+            "modes more",
             LocalModesWarning,
             stacklevel=3,
         )

@@ -137,8 +137,8 @@ class DesignedBodies:
         """Raise a ValueError unless these bodies are the ones that were ``reduced``."""
         if set(reduced) != set(self.flexible):
             raise ValueError(
-                f"problem: the evaluation is of another problem: its flexible bodies are "
-                f"{sorted(reduced)}, and those of this problem {sorted(self.flexible)}"
+                "problem: the evaluation is of another problem: its flexible bodies are "
+                f"{sorted(reduced)}, but this problem has {sorted(self.flexible)}"
             )
         for name, body in self.flexible.items():
             body.refuse_foreign(reduced[name], name)

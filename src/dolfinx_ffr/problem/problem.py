@@ -290,7 +290,7 @@ class Problem:
         if evaluated != names:
             raise ValueError(
                 f"problem: the evaluation is of another problem: its parameters are {evaluated}, "
-                f"and those of this problem {names}"
+                f"but this problem has {names}"
             )
         return self if parameters is None else self.at(parameters.values)
 
@@ -306,7 +306,7 @@ class Problem:
         if evaluated != labels:
             raise ValueError(
                 "problem: the evaluation is of another problem: its load cases and their "
-                f"constraints are {evaluated}, and those of this problem {labels}"
+                f"constraints are {evaluated}, but this problem has {labels}"
             )
         for name, case in self.load_cases.items():
             trajectory = evaluation.load_cases[name].trajectory
@@ -318,8 +318,8 @@ class Problem:
             ):
                 if not alike(evaluated_with, expected):
                     raise ValueError(
-                        f"problem: the evaluation is of another problem: "
-                        f"{self._of(f'its {quantity}', name)} is not that of this problem"
+                        "problem: the evaluation is of another problem: "
+                        f"{self._of(f'its {quantity}', name)} differs"
                     )
 
     def refuse_other_psi(self, evaluation: Evaluation) -> None:
@@ -338,8 +338,9 @@ class Problem:
         psi, _ = problem._evaluated(responses)
         if not abs(psi - evaluation.psi) <= DIFFERS * max(abs(psi), abs(evaluation.psi)):
             raise ValueError(
-                f"problem: the evaluation is of another objective: for its motion psi of this "
-                f"problem is {psi:.6g}, and psi of the evaluation {evaluation.psi:.6g}; {GIVE_BOTH}"
+                "problem: the evaluation is of another objective: psi of the evaluation is "
+                f"{evaluation.psi:.6g}, but this problem gives {psi:.6g} for the same motion; "
+                f"{GIVE_BOTH}"
             )
 
     def check_influence(self) -> None:
@@ -386,9 +387,9 @@ class Problem:
         )
 
     def with_tolerance(self, x: Densities, tolerance: float) -> Problem:
-        """The same problem with time steps for an accuracy of psi.
+        """The same problem with a method and time steps for an accuracy of psi at ``x``.
 
-        See `MechanicalProblem.with_tolerance`. Choose once, and keep the steps while designing.
+        See `MechanicalProblem.with_tolerance`.
 
         Args:
             x: Densities, as for `value`, which raises the same errors.

@@ -337,10 +337,9 @@ class CraigBampton:
             return
         pair = np.sqrt(eigenvalues[self.modes - 1 : self.modes + 1]) / (2 * np.pi)
         warnings.warn(
-            f"reduction: modes = {self.modes} cuts through a cluster of frequencies "
-            f"({pair[0]:.6g} and {pair[1]:.6g} Hz): psi and its gradient depend on how the solver "
-            f"tells them apart, and where it cannot the gradient is refused; take modes = "
-            f"{self._possible(bounds)}",
+            f"reduction: modes = {self.modes} cuts through a cluster of frequencies ({pair[0]:.6g} "
+            f"and {pair[1]:.6g} Hz), so that psi and its gradient depend on the choice of modes by "
+            f"the solver; take modes = {self._possible(bounds)}",
             stacklevel=4,
         )
 
@@ -362,14 +361,14 @@ class CraigBampton:
         try:
             counted = factored.count_last(limit)
         except RuntimeError as error:
-            warnings.warn(f"{error}; they are as certain as noise makes them", stacklevel=2)
+            warnings.warn(f"{error}; a mode is missing with a probability of 1e-10", stacklevel=2)
             return
         if counted != end:
             warnings.warn(
                 f"reduction: {end} normal modes were found below "
-                f"{np.sqrt(limit) / (2.0 * np.pi):.6g} Hz, and {counted} were counted: psi may "
-                "lack one, or the body is too ill-conditioned to count; a void with more "
-                "stiffness, or another number of modes, may help",
+                f"{np.sqrt(limit) / (2.0 * np.pi):.6g} Hz, but a count gives {counted}: psi may "
+                "lack a mode, or the body is too ill-conditioned for a count; give void more "
+                "stiffness, or take another number of modes",
                 stacklevel=2,
             )
 

@@ -108,8 +108,8 @@ class FactoredBody:
         """The matrices with all interfaces clamped; RuntimeError if they have been freed."""
         if self._clamped is None:
             raise RuntimeError(
-                "reduction: the matrices of this density are freed, as the body has been worked at "
-                "another one since; ask FlexibleBody.factored for them again"
+                "reduction: the matrices of this density are freed, because the body was used at "
+                "another density afterwards; call FlexibleBody.factored again"
             )
         return self._clamped
 

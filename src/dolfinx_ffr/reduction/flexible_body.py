@@ -298,9 +298,9 @@ class FlexibleBody:
         if reduced.mark != self.mark:
             whose = f"body {name!r}" if name else "the body"
             raise ValueError(
-                f"{whose} is not the one that was evaluated, but another one, of which mesh, "
-                "material or frame may differ; give a problem or body with its own evaluation, as "
-                "result.problem and result.evaluation"
+                f"{whose} is not the body that was evaluated: its mesh, material or frame may "
+                "differ; give a problem or body with its own evaluation, as result.problem and "
+                "result.evaluation"
             )
 
     def factored(self, reduced: ReducedBody) -> FactoredBody:
@@ -446,9 +446,9 @@ class FlexibleBody:
         self.refuse_foreign(reduced)
         if reduced.law != in_words(self.interpolation):
             raise ValueError(
-                f"body: the gradient is asked of {in_words(self.interpolation)}, and the body was "
-                f"reduced by {reduced.law}, as the elements that a boundary cuts are; give a "
-                "problem with its own evaluation, as result.problem and result.evaluation"
+                f"body: the body was reduced with the law {reduced.law}, but the gradient with the "
+                f"law {in_words(self.interpolation)} is wanted; give a problem with its own "
+                "evaluation, as result.problem and result.evaluation"
             )
         with self._working:
             start = perf_counter()

@@ -89,11 +89,11 @@ def _warn_of_round_off(basis: ReducedBasis, stiffness: Array) -> None:
     error = float(np.max(np.abs(energies / basis.eigenvalues - 1.0), initial=0.0))
     if error > ROUND_OFF:
         warnings.warn(
-            f"reduction: the stiffness is so ill-conditioned that round-off changes squares of "
-            f"frequencies by {error:.0e} of their size, and psi by some ten times that; neither "
-            "gradients nor differences are better. Bodies hundreds of times longer than high, and "
-            "plane strain of nearly incompressible materials do that, on any mesh: give such a "
-            "body by the volume integrals of a beam, or a Poisson's ratio further from one half",
+            "reduction: the stiffness is so ill-conditioned that round-off changes squares of "
+            f"frequencies by {error:.0e} of their size, and psi by about ten times as much, in "
+            "gradients and differences too, on any mesh. This happens in bodies hundreds of times "
+            "longer than high, and in plane strain of nearly incompressible materials: give such "
+            "a body by the volume integrals of a beam, or take a smaller Poisson's ratio",
             RoundOffWarning,
             stacklevel=4,
         )

@@ -94,13 +94,15 @@ class MultigridSolver(LinearSolver):
         )
         remedy = "take a void with more stiffness, or elements whose edges are more alike"
         if self._direct is not None:
-            raise RuntimeError(f"{stall}, and so is it for a factor; {remedy}")
+            raise RuntimeError(f"{stall}, and for a factor as well; {remedy}")
         assert self._stiffness is not None
         try:
             check_memory(self._elasticity, self._stiffness, remedy)
         except ValueError as error:
             raise RuntimeError(f"{stall}. A factor does not fit: {error}") from error
-        warnings.warn(f'{stall}; it goes on with a factor, as solver="direct" does', stacklevel=2)
+        warnings.warn(
+            f'{stall}; the run continues with a factor, as with solver="direct"', stacklevel=2
+        )
         self._direct = SharedFactor(self._elasticity, factor_package(self._elasticity.comm))
         self._direct.factor(self._stiffness)
 

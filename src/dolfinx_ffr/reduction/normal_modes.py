@@ -119,9 +119,9 @@ class EigenSolver:
             if not np.any(further < below):
                 raise RuntimeError(
                     f"reduction: {end} normal modes were found below "
-                    f"{np.sqrt(below) / (2.0 * np.pi):.6g} Hz, and {end + missing} were counted: "
-                    "the body is too ill-conditioned to tell; a void with more stiffness, or "
-                    "another number of modes, may help"
+                    f"{np.sqrt(below) / (2.0 * np.pi):.6g} Hz, but a count gives {end + missing}: "
+                    "the body is too ill-conditioned; give void more stiffness, or take another "
+                    "number of modes"
                 )
             eigenvalues, fields = self._ritz(factored, np.hstack([fields, further_fields]))
         masses = self.elasticity.apply(factored.clamped.mass, fields)

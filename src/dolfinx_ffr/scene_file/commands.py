@@ -81,7 +81,7 @@ def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = F
     _say(f"psi = {result.psi:.6g} {unit} after {count}{share}")
     _say(record["bound"]["text"])
     if verification is None:
-        raise SceneError(f"{file}: the design encloses no part; {report} says what was found")
+        raise SceneError(f"{file}: the design encloses no part; see {report}")
     _say(f"{verification}\nthe part and the report are in {folder} ({report.name})")
     return 0
 

@@ -481,7 +481,7 @@ def _base(unit: str) -> tuple[float, str]:
         return 1.0, "dimensionless"
     factor, base = _registry().get_base_units(_registry().parse_units(unit.replace("°", "deg")))
     if unit.count("deg") and "kelvin" in str(base):
-        raise ValueError("temperatures have no part here")
+        raise ValueError("a temperature is not possible here")
     return float(factor), str(base)
 
 

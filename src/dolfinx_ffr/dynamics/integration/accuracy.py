@@ -19,7 +19,7 @@ from ..equations import CONSTRAINTS, FORCES
 from ..failures import SimulationError
 from ..kinematics import Kinematics, mass_norm, norm_floors
 from ..trajectory import Integrator, Trajectory
-from .certificate import Run
+from .step_choice import Run
 
 
 @dataclass(frozen=True)

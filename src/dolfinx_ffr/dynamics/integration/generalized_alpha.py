@@ -120,7 +120,7 @@ class GeneralizedAlpha(Integrator):
     @property
     def remedy(self) -> str:
         return (
-            f"ask for less, or take RadauIIA({self.end_time:g}), whose error falls with the "
+            f"take a larger tolerance, or RadauIIA({self.end_time:g}), whose error falls with the "
             "fifth power of the step"
         )
 

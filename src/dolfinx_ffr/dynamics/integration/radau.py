@@ -211,8 +211,9 @@ class RadauIIA(Integrator):
     @property
     def remedy(self) -> str:
         return (
-            "ask for less, or name the times at which forces or motions jump (Mechanism.jumps): "
-            "the motion is not smooth, magnifies errors, or has vibrations that take shorter steps"
+            "take a larger tolerance, or name the times at which forces or motions jump "
+            "(Mechanism.jumps): the motion is not smooth, magnifies errors, or has vibrations "
+            "that need shorter steps"
         )
 
     def with_steps_of(self, trajectory: Trajectory) -> RadauIIA:

@@ -28,7 +28,7 @@ from ..trajectory import OVER_TIME, Integrator, Trajectory, TrajectoryBar
 from .generalized_alpha import GeneralizedAlpha
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class TrapezoidalWitness(Integrator):
     """Trapezoidal rule in steps that change from cell to cell, begun anew behind each jump.
 

@@ -106,8 +106,8 @@ class Lowering:
         counts = [len(entered), len(self._loads)]
         if counts != [len(twin_rows), len(other_loads)]:
             raise ValueError(
-                "the mechanism has other rows of joints, springs or loads at other values of its "
-                "parameters; they must be the same in number and kind at all values"
+                "the rows of joints, springs or loads of the mechanism change with its "
+                "parameters; their number and kind must not change"
             )
         for (row, source, label, user), twin_row in zip(entered, twin_rows, strict=True):
             lowered, offset = self._own_row(row, user)

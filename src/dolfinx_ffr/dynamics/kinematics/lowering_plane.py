@@ -62,14 +62,17 @@ class PlaneLowering(Lowering):
         marker, (x, y, z) = load.target.marker, load.components
         if load.target.kind == VectorKind.SPIN:
             if not is_zero(x, y):
-                raise ValueError(f"{user}: in the plane a moment is one about z")
+                raise ValueError(f"{user}: in the plane a moment acts about z; give one component")
             return
         if not is_zero(z):
             raise ValueError(f"{user}: there is no axis z in the plane")
         on_marker = all(same(axis.marker, marker) for axis in load.axes)
         components = [axis.components for axis in load.axes]
         if load.axes and not (on_marker and np.array_equal(components, np.eye(3))):
-            raise ValueError(f"{user}: in the plane the axes of a force are those of its marker")
+            raise ValueError(
+                f"{user}: in the plane a force acts along the axes of its own marker; leave other "
+                "axes out"
+            )
 
     def _own_row(self, row: Row, user: str) -> tuple[Row, float]:
         kind, vectors = row.kind, row.vectors
@@ -128,7 +131,7 @@ class PlaneLowering(Lowering):
         upright = not any(vector.components[2] for vector in vectors)
         if not (upright and same(first.marker, second.marker) and p * s > q * r):
             raise ValueError(
-                f"{user}: in the plane angles count about the axis (0, 0, 1); give this one"
+                f"{user}: in the plane angles count about the axis (0, 0, 1); give this axis"
             )
         turns = start - self.undeformed.twist(direction.marker, first.marker, (0.0, 0.0, 1.0))
         angle = math.atan2(y, x) - math.atan2(q, p)
@@ -148,6 +151,6 @@ def _difference_of_spins(row: Row, *markers: Marker) -> Row:
 def _refuse_kind(user: str, row: Row) -> NoReturn:
     raise ValueError(
         f"{user}: a row {row.kind.name} of these vectors, or a spring against it, exists in space "
-        "only; in the plane there are POINT along x or y, PLANE and DISTANCE of points, ANGLE and "
-        "GEAR of directions, and MESH"
+        "only; in the plane take POINT along x or y, PLANE and DISTANCE of points, ANGLE and GEAR "
+        "of directions, or MESH"
     )
