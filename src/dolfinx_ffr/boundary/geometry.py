@@ -197,11 +197,11 @@ class PlaneGeometry(BoundaryGeometry[Boundary]):
         self, boundary: Boundary, shares: StrutShares
     ) -> Iterator[tuple[Boundary, int]]:
         holes = set(boundary.holes)
-        idle = [
+        idle_pairs = [
             pair for pair, share in shares.items() if share < CURVES.idle and holes.issuperset(pair)
         ]
-        idle.sort(key=lambda pair: shares[pair])
-        for pair in idle[: CURVES.idle_tried]:
+        idle_pairs.sort(key=lambda pair: shares[pair])
+        for pair in idle_pairs[: CURVES.idle_tried]:
             try:
                 without_strut = joined(boundary, pair)
             except ShapeError:

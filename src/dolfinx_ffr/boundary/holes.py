@@ -56,8 +56,8 @@ def joined(boundary: Boundary, pair: HolePair) -> Boundary:
     or the holes are not both of one face.
     """
     holes = boundary.holes
-    first, second = (boundary.hole(key) for key in pair)
-    are_far = first.distance(second) > CURVES.joined * boundary.member
+    hole, other_hole = (boundary.hole(key) for key in pair)
+    are_far = hole.distance(other_hole) > CURVES.joined * boundary.member
     pairs = _images_of_pair(boundary, pair)
     group = connected(pairs, len(holes))
     group_of_pair = group[pairs[:, 0]]

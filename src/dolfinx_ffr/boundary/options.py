@@ -91,7 +91,6 @@ class BoundaryOptions:
     idle_tried: int = 3  #: Idle struts that are tried at one time
     promised: float = 0.01  #: Fall of log psi that a new strut must promise to be tried
     strut_ends: float = 1.5  #: Distance of points between which struts are looked for
-    shortest_strut: float = 3.0  #: Length
     steep: float = 0.3  #: Least cosine between a strut and the normals at its ends
     strut_width: float = 1.1  #: Width of struts that are inserted
     joined: float = 6.0  #: Largest distance of holes that are joined

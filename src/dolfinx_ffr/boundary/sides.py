@@ -193,12 +193,12 @@ class _Sorting:
         first_node, last_node = self.chains.first_node, self.chains.last_node
         moving_starts = {first_node(chain) for chain in self.moving.values()}
         moving_ends = {last_node(chain) for chain in self.moving.values()}
-        before = next((c for c in self.solid.values() if last_node(c) == node), None)
-        after = self.solid.get(last_node(self.moving[node]))
+        preceding = next((c for c in self.solid.values() if last_node(c) == node), None)
+        following = self.solid.get(last_node(self.moving[node]))
 
-        extended = [before] if before and first_node(before) not in moving_ends else []
+        extended = [preceding] if preceding and first_node(preceding) not in moving_ends else []
         extended.append(self.moving[node])
-        extended += [after] if after and last_node(after) not in moving_starts else []
+        extended += [following] if following and last_node(following) not in moving_starts else []
         return extended if len(extended) > 1 else []
 
     def _ring(self, first_node: int) -> list[Chain]:
@@ -217,13 +217,13 @@ class _Sorting:
     def close_loops(self) -> None:
         """Join the chains of designed regions to loops, and add the runs of those that move."""
         chains = self.chains
-        left = {chains.first_node(c): c for c in [*self.staying, *self.moving.values()]}
-        while left:
+        remaining = {chains.first_node(c): c for c in [*self.staying, *self.moving.values()]}
+        while remaining:
             sides: list[Side] = []
             points: list[Array] = []
-            node = next(iter(left))
-            while node in left:
-                chain = left.pop(node)
+            node = next(iter(remaining))
+            while node in remaining:
+                chain = remaining.pop(node)
                 points.append(chains.points(chain))
                 if self.moving.get(node) is chain:
                     ends = node, chains.last_node(chain)

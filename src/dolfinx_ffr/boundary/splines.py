@@ -41,8 +41,10 @@ class SplineGrid:
 
     def values(self, coefficients: Array, x: Array) -> Array:
         """The spline with coefficients of the grid's shape at points (n, 3), (n,)."""
-        at = (x - self.low) / self.spacing
-        values = map_coordinates(coefficients, at.T, order=3, prefilter=False, mode="nearest")
+        grid_coordinates = (x - self.low) / self.spacing
+        values = map_coordinates(
+            coefficients, grid_coordinates.T, order=3, prefilter=False, mode="nearest"
+        )
         return np.asarray(values)
 
     def basis(self, x: Array) -> csr_matrix:
@@ -68,17 +70,17 @@ class SplineGrid:
 
     def _along_axes(self, x: Array) -> tuple[list[Array], list[Array], list[Integers]]:
         """B-splines at points along each axis: values, derivatives, and numbers, (n, 4) each."""
-        at = (x - self.low) / self.spacing
+        grid_coordinates = (x - self.low) / self.spacing
         values, derivatives, numbers = [], [], []
         for axis, count in enumerate(self.shape):
-            first = np.floor(at[:, axis])
-            t = at[:, axis] - first
+            knot = np.floor(grid_coordinates[:, axis])
+            t = grid_coordinates[:, axis] - knot
             s = 1.0 - t
             splines = [s**3, 4.0 - 6.0 * t**2 + 3.0 * t**3, 4.0 - 6.0 * s**2 + 3.0 * s**3, t**3]
             values.append(np.stack(splines, axis=1) / 6.0)
             slopes = [-0.5 * s**2, 1.5 * t**2 - 2.0 * t, 0.5 + t - 1.5 * t**2, 0.5 * t**2]
             derivatives.append(np.stack(slopes, axis=1) / self.spacing[axis])
-            number = first[:, None].astype(np.int64) + np.arange(-1, 3)
+            number = knot[:, None].astype(np.int64) + np.arange(-1, 3)
             numbers.append(np.clip(number, 0, count - 1))  # as `map_coordinates` does
         return values, derivatives, numbers
 

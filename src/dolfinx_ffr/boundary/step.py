@@ -218,8 +218,8 @@ def secants(known: Array, move: Array, gradient: Array, count: int = PLANE_STEPS
 
     The ``known`` ones and one more, with its motion ``move``.
     """
-    last = np.stack([move, gradient])[:, None]
-    return np.hstack([known, last])[:, -count:] if known.size else last
+    newest = np.stack([move, gradient])[:, None]
+    return np.hstack([known, newest])[:, -count:] if known.size else newest
 
 
 def curvature(

@@ -209,8 +209,8 @@ class Surface:
     def drawn(self) -> Solid:
         """The same solid, its surface cut out of smaller tetrahedra than its mesh."""
         affordable = int(agreed_memory(self.body.comm) / self.options.bytes_of_drawn)
-        most = min(self.options.most_drawn, affordable)
-        finest = Tetrahedra.finest(self.body, self.options.drawn * self.member, most)
+        most_tetrahedra = min(self.options.most_drawn, affordable)
+        finest = Tetrahedra.finest(self.body, self.options.drawn * self.member, most_tetrahedra)
         material, surface = self.origin.material, min(self.size, finest)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PartWarning)

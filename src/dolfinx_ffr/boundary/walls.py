@@ -244,9 +244,9 @@ class Sides:
         def blunted_field(x: Array) -> Array:
             values = field(x)
             distance = tree.query(x, distance_upper_bound=gap)[0]
-            near = np.flatnonzero(np.isfinite(distance))
-            at_ends = np.minimum(rounded(x[near]), gap - distance[near])
-            values[near] = np.maximum(values[near], at_ends)
+            band = np.flatnonzero(np.isfinite(distance))
+            at_ends = np.minimum(rounded(x[band]), gap - distance[band])
+            values[band] = np.maximum(values[band], at_ends)
             return values
 
         return blunted_field
@@ -265,13 +265,13 @@ class Sides:
             x = np.clip(x, self.low, self.high)
             values = field(x)
             distance, nearest = solid_tree.query(x, distance_upper_bound=2.0 * diameter)
-            near = np.flatnonzero(np.isfinite(distance))
-            to_point = x[near] - self.solid.points[nearest[near]]
-            inward = self.solid.normals[nearest[near]]
+            band = np.flatnonzero(np.isfinite(distance))
+            to_point = x[band] - self.solid.points[nearest[band]]
+            inward = self.solid.normals[nearest[band]]
             depth = np.einsum("nd,nd->n", to_point, inward)
             # void ends before a solid region, so that they do not meet in an edge
-            margin = np.where(depth > 0.0, depth, -distance[near]) + self.spacing
-            values[near] = np.maximum(values[near], margin)
+            margin = np.where(depth > 0.0, depth, -distance[band]) + self.spacing
+            values[band] = np.maximum(values[band], margin)
             return values
 
         low, high = self.low - diameter, self.high + diameter
@@ -335,10 +335,10 @@ def _is_in_wedge(balls: Balls, chosen: Integers, reach: float, widens: float) ->
     if not len(chosen):
         return in_wedge
     centers, tree = balls.centers, cKDTree(balls.centers)
-    neighbours = tree.query_ball_point(centers[chosen], reach)
-    for number, near in zip(chosen, neighbours, strict=True):
-        distance = np.linalg.norm(centers[near] - centers[number], axis=1)
-        growth = balls.radius[near] - balls.radius[number]
+    neighbours_of_chosen = tree.query_ball_point(centers[chosen], reach)
+    for number, neighbours in zip(chosen, neighbours_of_chosen, strict=True):
+        distance = np.linalg.norm(centers[neighbours] - centers[number], axis=1)
+        growth = balls.radius[neighbours] - balls.radius[number]
         in_wedge[number] = np.any(growth > widens * distance + 1e-9 * reach)
     return in_wedge
 
