@@ -20,7 +20,6 @@ class StepOptions:
     mesh_noise: float = 0.0  #: Rise of the merit by a new mesh alone, for which no step is rejected
     promised_share: float = 0.25  #: Share of its predicted fall that a successful step brings
     secants: int = 8  #: Earlier steps from which the curvature is estimated
-    curvature_share: float = 1e-2  #: Smallest curvature that is used, as a share of the largest
     violation_share: float = 0.25  #: Largest violation that one step tries to remove
     #: Weight of the largest violated bound in the merit, and its least ratio to the sum of the
     #: multipliers: beyond one the penalty is exact

@@ -222,31 +222,26 @@ def secants(known: Array, move: Array, gradient: Array, count: int = PLANE_STEPS
     return np.hstack([known, newest])[:, -count:] if known.size else newest
 
 
-def curvature(
-    metric: csc_matrix,
-    known: Array,
-    gradient: Array,
-    least_share: float = PLANE_STEPS.curvature_share,
-) -> Array:
+def curvature(metric: csc_matrix, known: Array, gradient: Array) -> Array:
     """Columns W (n, k) of the curvature W W^T that the last steps have shown.
 
     Along moves S, columns, the gradient has changed by Y. If Y = H S for a symmetric H, that is
-    Y (S^T Y)^-1 Y^T: what the moves tell of H, never more than it. Moves along which the curvature
-    is not positive tell nothing, nor do those of less than the ``least_share`` of the largest:
-    the gradient is as much another one on another mesh.
+    Y (S^T Y)^-1 Y^T: what the moves show of H, never more than it. Moves along which the curvature
+    is not positive show nothing.
     """
     if not known.size:
         return np.zeros((len(gradient), 0))
+    round_off = 1e-6  # share of the largest square or curvature that is not told from zero
     moves = known[0].T
     changes = np.diff([*known[1], gradient], axis=0).T
 
     # combinations of the moves that are orthonormal in the metric
     squares, combinations = np.linalg.eigh(moves.T @ (metric @ moves))
-    independent = squares > 1e-6 * squares[-1]
+    independent = squares > round_off * squares[-1]
     basis = combinations[:, independent] / np.sqrt(squares[independent])
 
     projected = basis.T @ (moves.T @ changes) @ basis
     curvatures, directions = np.linalg.eigh(0.5 * (projected + projected.T))
-    is_known = curvatures > least_share * np.max(curvatures, initial=0.0)
-    columns = changes @ basis @ directions[:, is_known]
-    return np.asarray(columns / np.sqrt(curvatures[is_known]))
+    is_positive = curvatures > round_off * np.max(curvatures, initial=0.0)
+    columns = changes @ basis @ directions[:, is_positive]
+    return np.asarray(columns / np.sqrt(curvatures[is_positive]))

@@ -292,8 +292,8 @@ class BoundaryPhase:
 
 def _part_violations(trial: BoundaryTrial) -> dict[str, PartViolation]:
     """Violations of required sizes and rims by the parts of a trial, by name."""
-    sizes = {name: (asked.member, asked.gap) for name, asked in trial.asked.items()}
-    rims = {name: (asked.rim, asked.member) for name, asked in trial.asked.items()}
+    sizes = {name: (minimum.member, minimum.gap) for name, minimum in trial.asked.items()}
+    rims = {name: (minimum.rim, minimum.member) for name, minimum in trial.asked.items()}
     return part_violations(trial.problem, trial.parts, sizes, rims)
 
 
@@ -315,12 +315,12 @@ def _warn_of_missing(
     for violation, about in missing.items():
         texts.append(f"{violation.partition(':')[0]!r}: {about.message}")
     if change > steps.mesh_tolerance:
-        what = (
+        accuracy = (
             f"psi still changes by {change:.1%} on the finest mesh, whose value is reported"
             if math.isfinite(change)
             else "psi is that of the mesh of the steps, as no finer one could be made"
         )
-        texts.append(f"{what}: take smaller cells of the body, or a smaller size")
+        texts.append(f"{accuracy}: take smaller cells of the body, or a smaller size")
     texts += steps.remarks(trial)
     for text in texts:
         warnings.warn(f"boundary: {text}", PartWarning, stacklevel=5)

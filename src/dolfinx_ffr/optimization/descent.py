@@ -101,14 +101,14 @@ class Trial:
 
     @property
     def violation(self) -> float:
-        """Largest violation of what the steps keep, at least zero."""
+        """Largest violation of the constraints with their safety margins, at least zero."""
         return max(0.0, *self.with_margins.values()) if self.violations else 0.0
 
     def merit(self, bound_weight: float) -> float:
         """Logarithm of psi, of any sign, and the largest violations with their weights."""
-        rows = [*self.sizes.values(), *self.radii.values()]
-        narrow = max((float(np.max(part.values, initial=0.0)) for part in rows), default=0.0)
-        return self.without_sizes(bound_weight) + self.size_penalty * narrow
+        constraints = [*self.sizes.values(), *self.radii.values()]
+        largest = [float(np.max(rows.values, initial=0.0)) for rows in constraints]
+        return self.without_sizes(bound_weight) + self.size_penalty * max(largest, default=0.0)
 
     def without_sizes(self, bound_weight: float) -> float:
         """The merit without sizes, which steps mend where a strut has gone."""
@@ -121,8 +121,8 @@ class Trial:
     @property
     def size_violation(self) -> float:
         """The largest share by which a member, gap or radius is below its minimum."""
-        rows = (*self.sizes.values(), *self.radii.values())
-        return max((part.size_violation for part in rows), default=0.0)
+        constraints = (*self.sizes.values(), *self.radii.values())
+        return max((rows.size_violation for rows in constraints), default=0.0)
 
     def release(self) -> None:
         """Free the matrices of its bodies, which would stay beside those of others."""
@@ -358,7 +358,7 @@ class Descent:
         metric = csc_matrix(sparse_block_diag(metrics))
         fixed = np.concatenate([boundary.fixed_offsets for boundary in boundaries.values()])
         constraints = slopes.values, slopes.slopes
-        curved = curvature(metric, earlier, slopes.psi, options.curvature_share)
+        curved = curvature(metric, earlier, slopes.psi)
         # round-off may decide which constraints a step is bounded by
         step = on_rank_0(
             ranks_of(self.problem),
@@ -389,7 +389,7 @@ class Descent:
         return secants(earlier, motion, slopes.psi, self.options.secants)
 
     def moved(self, trial: Trial, step: Step) -> Trial | None:
-        """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
+        """The trial after a step, None if no mesh fits it or it cannot be simulated."""
         try:
             with shaping():
                 moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
@@ -430,11 +430,11 @@ class Descent:
 
     def with_drawn_sizes(self, trial: Trial) -> Trial:
         """The trial whose drawn boundaries have the minimum sizes, if it can be simulated."""
-        before = trial.boundaries
         boundaries = {
-            name: self.geometry.with_drawn_sizes(boundary) for name, boundary in before.items()
+            name: self.geometry.with_drawn_sizes(boundary)
+            for name, boundary in trial.boundaries.items()
         }
-        if all(boundaries[name] is before[name] for name in before):
+        if all(boundaries[name] is boundary for name, boundary in trial.boundaries.items()):
             return trial
         try:
             return self.trial_of(boundaries)
@@ -442,9 +442,9 @@ class Descent:
             return trial
 
     def finer(self, trial: Trial) -> tuple[Trial, float]:
-        """The same on such meshes, if these can be made, and how much psi changed at last.
+        """The trial on finer meshes, if these can be made, and the last relative change of psi.
 
-        They are made finer and finer until psi stands still.
+        Meshes are refined until psi has converged.
         """
         change, repaired = math.inf, self.with_drawn_sizes(trial)
         if repaired is not trial:
