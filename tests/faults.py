@@ -29,7 +29,7 @@ boundary/derivative.py | 0.5 * bar[self._middles] | bar[self._middles] | boundar
 boundary/sizes.py | by_a -= 3.0 * | by_a -= 2.0 * | boundary/test_move_boundary.py
 boundary/step.py | ways = ways - stiff @ | ways = ways + stiff @ | boundary/test_step.py
 boundary/surface.py | kron(lines[0], lines[1]) | kron(lines[0], lines[0]) | boundary/test_surface.py
-design/density_filter.py | 1.0 - np.tanh(self.beta * (means | 1.0 + np.tanh(self.beta * (means | design/test_density_filter.py
+design/densities.py | 1.0 - np.tanh(self.beta * (means | 1.0 + np.tanh(self.beta * (means | design/test_density_filter.py
 design/dimensions.py | ends[0][k] - ends[1][k] | ends[0][k] - center[k] | design/test_dimensions.py
 design/level_set.py | OPTIONS.weight * ramp * late | OPTIONS.weight * late | design/test_level_set.py optimization/test_mma.py
 design/level_set.py | min(row, rows - 1 - row) | min(row, rows - row) | design/test_level_set.py

@@ -11,7 +11,7 @@ from dolfinx import mesh
 from shared.derivatives import check_slope
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.design.parametrization import check_volume
+from dolfinx_ffr.design.base import check_volume
 
 
 def rod(comm: MPI.Intracomm, cell: str = "triangle") -> ffr.Domain:

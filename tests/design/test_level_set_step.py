@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.design.parametrization import volume_multiplier
+from dolfinx_ffr.design.base import volume_multiplier
 
 
 def evolution_on(comm: MPI.Intracomm, bound: float, **options: Any) -> ffr.design.Evolution:

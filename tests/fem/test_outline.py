@@ -200,7 +200,7 @@ CORNERS = [(0, 0), (100, 0), (100, 20), (0, 20), (0, 0.5)]
             r"holds a 3DFACE, which is no curve in the plane",
         ),
         (lambda drawing, space: None, "it holds no curves"),
-        (in_itself, "the block 'a' holds itself|the block 'A' holds itself"),
+        (in_itself, "the block 'a' contains itself|the block 'A' contains itself"),
         (clipped, "an insert of the block 'hole' is clipped"),
         (
             lambda drawing, space: space.add_blockref("bracket", (0, 0)),

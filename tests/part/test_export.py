@@ -168,7 +168,7 @@ def test_what_cannot_be_written(comm: MPI.Comm, tmp_path: Path) -> None:
         part.write(tmp_path / "part.obj")
     with pytest.raises(ValueError, match="part: unit must be 'mm' or 'm'"):
         part.write(tmp_path / "part.svg", unit="inch")
-    with pytest.raises(ValueError, match="its thickness is that of a material"):
+    with pytest.raises(ValueError, match="its thickness needs a material"):
         part.write(tmp_path / "part.step")
 
 

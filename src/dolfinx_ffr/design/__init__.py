@@ -3,8 +3,16 @@
 
 from __future__ import annotations
 
-from .density_filter import DensityFilter as DensityFilter
-from .density_filter import HeavisideProjection as HeavisideProjection
+from .base import SHARP as SHARP
+from .base import SHARP_PROGRESS as SHARP_PROGRESS
+from .base import Design as Design
+from .base import ParameterDesign, check_volume, shrunk
+from .base import Variables as Variables
+from .base import density_field as density_field
+from .densities import LEAST as LEAST
+from .densities import DensityDesign as DensityDesign
+from .densities import DensityFilter as DensityFilter
+from .densities import HeavisideProjection as HeavisideProjection
 from .dimensions import DimensionDesign as DimensionDesign
 from .dimensions import DimensionMotion
 from .level_set import LevelSet as LevelSet
@@ -14,14 +22,6 @@ from .mirrors import Isometry, images
 from .mirrors import Mirror as Mirror
 from .mirrors import mirror_lines as mirror_lines
 from .mirrors import mirror_planes as mirror_planes
-from .parametrization import LEAST as LEAST
-from .parametrization import SHARP as SHARP
-from .parametrization import SHARP_PROGRESS as SHARP_PROGRESS
-from .parametrization import DensityDesign as DensityDesign
-from .parametrization import Design as Design
-from .parametrization import ParameterDesign, check_volume, shrunk
-from .parametrization import Variables as Variables
-from .parametrization import density_field as density_field
 from .rbf import ExponentialSpline as ExponentialSpline
 from .rbf import Gaussian as Gaussian
 from .rbf import Kernel as Kernel

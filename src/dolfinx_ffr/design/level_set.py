@@ -54,9 +54,9 @@ from ..arrays import Integers, Mask
 from ..fem import Array, Domain, summed
 from ..limits import PAIR, check_count
 from ..parallel import ROUND_OFF, on_every_rank
-from .density_filter import HeavisideProjection, check_neighbours
+from .base import SHARP, Design, checked_web, finite_vector, steepness
+from .densities import HeavisideProjection, check_neighbours
 from .mirrors import Mirror, Symmetry, images
-from .parametrization import SHARP, Design, checked_web, finite_vector, steepness
 from .rbf import Wendland, kernel_matrix, neighbours, strip_middle, strip_width
 from .rims import HoleRims
 

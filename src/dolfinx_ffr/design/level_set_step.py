@@ -24,9 +24,9 @@ from scipy.spatial import cKDTree
 
 from .. import validation
 from ..arrays import Array
-from .density_filter import check_neighbours
+from .base import check_volume, filled_share, volume_multiplier
+from .densities import check_neighbours
 from .level_set import LevelSet
-from .parametrization import check_volume, filled_share, volume_multiplier
 from .rbf import Wendland, kernel_matrix
 
 

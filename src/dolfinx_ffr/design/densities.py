@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Density filter and smoothed Heaviside projection: from design variables to densities.
+"""Filtered and projected densities of elements (SIMP).
 
 The filter replaces each value by a weighted mean over its neighbourhood, so that no detail is finer
 than its radius and no checkerboard of solid and void looks stiff,
@@ -27,16 +27,27 @@ References:
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from .. import validation
 from ..fem import Array, Domain
 from ..limits import check_pairs
 from ..parallel import agreed_memory, on_every_rank
+from .base import SHARP, Design, checked_web, density_field, steepness
+from .rims import HoleRims
+
+#: Minimum member and gap of densities, in mean elements, as of a level set by default
+LEAST = 0.64
+#: Number of points in each direction of a cell by which its share in a rim is found
+_POINTS = 4
 
 
 def check_neighbours(
@@ -154,3 +165,88 @@ class HeavisideProjection:
         """The derivative by ``means`` from the derivative ``x_bar`` by their projection."""
         slope = 1.0 - np.tanh(self.beta * (means - self.eta)) ** 2
         return np.asarray(x_bar * self.beta * slope / sum(self._ends))
+
+
+class DensityDesign(Design):
+    """One variable in [0, 1] for each designed element, filtered and projected (SIMP).
+
+    Elements that are not designed are solid or void, also in the means of their neighbours.
+    Variables have the order of `Domain.everywhere`.
+
+    Args:
+        domain: The body.
+        radius: Radius of the filter [m]; by default two and a half mean elements. With shorter ones
+            struts may be connected by corners of elements, which are too stiff. Zero filters
+            nothing.
+        eta: Threshold of the projection, in (0, 1).
+        hole_rim: Width of the rim that stays solid around each hole of the body's drawing, with a
+            name or without [m]; by default 0.64 mean elements, the minimum member of densities, 0
+            for none.
+        web: Web of pockets, as for `LevelSet`.
+    """
+
+    each: ClassVar[str] = "designed cell"
+
+    def __init__(
+        self,
+        domain: Domain,
+        *,
+        radius: float | None = None,
+        eta: float = 0.5,
+        hole_rim: float | None = None,
+        web: float = 0.0,
+    ) -> None:
+        self.domain = validation.instance("density design: domain", domain, Domain, "a Domain")
+        width = LEAST * domain.cell_size if hole_rim is None else hole_rim
+        self.web = checked_web("density design", domain, web, width)
+        rims = HoleRims(domain, width, outline=self.web > 0.0)
+        #: Width of the solid rim around each hole of the body's drawing [m]
+        self.hole_rim, self._rims = rims.width, rims
+        points, weights = domain.quadrature_points(_POINTS)
+        #: Share of each cell that is in a rim, (cells of all ranks,)
+        self._rim_share = domain.everywhere(np.sum(weights * rims.contain(points), axis=1))
+        self.filter = DensityFilter(domain, 2.5 * domain.cell_size if radius is None else radius)
+        #: From means to densities
+        self.projection = HeavisideProjection(SHARP, eta)
+        self._designed = domain.everywhere(domain.design_cells)
+        self._passive = domain.everywhere(domain.passive_density)
+        self.size = int(np.count_nonzero(self._designed))
+
+    @property
+    def sharpness(self) -> float:  # type: ignore[override]
+        """Steepness of the projection."""
+        return self.projection.beta
+
+    def at(self, progress: float) -> DensityDesign:
+        design = copy(self)
+        design.projection = HeavisideProjection(steepness(progress), self.projection.eta)
+        return design
+
+    def density(self, variables: Array) -> Array:
+        x = self._without_rims(variables)
+        x = np.where(self._designed, self._rim_share + (1.0 - self._rim_share) * x, x)
+        return self.with_web(self.domain.owned(np.clip(x, 0.0, 1.0)))
+
+    def _without_rims(self, variables: Array) -> Array:
+        return np.where(self._designed, self.projection(self._means(variables)), self._passive)
+
+    def pullback(self, variables: Array, x_bar: Array) -> Array:
+        bar = np.where(self._designed, self.domain.everywhere(x_bar), 0.0)
+        bar *= (1.0 - self.web) * (1.0 - self._rim_share)
+        means_bar = self.projection.pullback(self._means(variables), bar)
+        return self.filter.pullback(means_bar)[self._designed]
+
+    def level(self, variables: Array) -> Callable[[ArrayLike], Array]:
+        x = self.domain.owned(self._without_rims(variables))
+        return self._rims.added_to(density_field(self.domain, x))
+
+    def identity(self) -> dict[str, Any]:
+        radius, eta = self.filter.radius, self.projection.eta
+        sizes = {"radius": radius, "eta": eta, "hole_rim": self.hole_rim, "web": self.web}
+        return {"cells": self.domain.n_cells_global, **sizes}
+
+    def _means(self, variables: Array) -> Array:
+        values = self._passive.copy()
+        label = "density design: variables"
+        values[self._designed] = validation.real_array(label, variables, (self.size,))
+        return self.filter(values)
