@@ -228,12 +228,17 @@ def test_a_load_case_that_fails_on_one_rank_fails_on_every_rank(comm: MPI.Intrac
             ValueError,
             "load case 'b': volume of body 'bar'",
         ),
-        ({"a": FAST}, ffr.WeightedSum({"b": 1.0}), ValueError, r"no load case 'b', but \['a'\]"),
+        (
+            {"a": FAST},
+            ffr.WeightedSum({"b": 1.0}),
+            ValueError,
+            r"no load case 'b'; the load cases are \['a'\]",
+        ),
         (
             {"a": FAST, "b": FAST},
             ffr.WorstCase({"a": 1.0}),
             ValueError,
-            "that of 'b' is missing; a load case that does not count has the weight 0",
+            "the weight of 'b' is missing; give the weight 0 to a load case",
         ),
     ],
 )
@@ -251,7 +256,7 @@ def test_power_mean_refuses_what_has_none(comm: MPI.Intracomm) -> None:
     problem = slider_crank(comm, (10, 2), modes=2)
     load_cases = {"a": FAST, "b": replace(FAST, objective=-1.0 * ffr.Mass("rod"))}
     mean = ffr.Problem.of_load_cases(problem.bodies, load_cases, ffr.PowerMean())
-    with pytest.raises(ValueError, match="positive objectives, and that of load case 'b' is -"):
+    with pytest.raises(ValueError, match="positive objectives, but psi of load case 'b' is -"):
         mean.value(wavy(problem))
 
 

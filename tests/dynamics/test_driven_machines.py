@@ -50,13 +50,6 @@ def test_the_force_that_moves_a_yoke(tolerance: float) -> None:
     )
 
 
-def test_more_steps_of_generalised_alpha_for_the_force() -> None:
-    mechanism, bodies = yoke()
-    begin = ffr.GeneralizedAlpha(END_TIME, 28)
-    motion = ffr.simulate(mechanism, bodies, begin, tolerance=1e-4)
-    assert off(motion) <= motion.force_error <= 1e-2
-
-
 def test_force_and_work_by_adaptive_steps() -> None:
     """The root mean square of the force, and the work of driving when braking is lost."""
     mechanism, bodies = yoke()

@@ -260,7 +260,7 @@ def test_trajectory_by_name() -> None:
     with pytest.raises(ValueError, match=r"no joint 'pin'; the joints are \['motor bearing'"):
         t.joint_force("pin")
     with pytest.raises(
-        ValueError, match=r"'crank' has no marker 'middle', but \['left', 'right'\]"
+        ValueError, match=r"'crank' has no marker 'middle'; its markers are \['left', 'right'\]"
     ):
         t.marker_path("crank", "middle")
     with pytest.raises(ValueError, match=r"no body 'rod'; the bodies are \['crank', 'coupler'"):

@@ -132,7 +132,7 @@ def turned(moment: float, damping: float) -> list[AppliedForce]:
 @pytest.mark.parametrize(
     ("joints", "options", "message"),
     [
-        ([], DOWN, "no static equilibrium of its own: body 'bar' can move"),
+        ([], DOWN, "no unique static equilibrium: body 'bar' can move"),
         ([], {}, "body 'bar' can move without resistance; hold it by a joint, a drive or a spring"),
         ([HINGE], {}, "body 'bar' can move without resistance; hold it by a joint"),
         ([HINGE], {"forces": turned(1.0, 0.0)[:1]}, NONE),

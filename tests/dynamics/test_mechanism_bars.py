@@ -293,10 +293,10 @@ SINE = ffr.Motion.fourier(1.0, sines=[1.0])
 NO = "parameter 'p': no derivative: "
 REFUSED = {
     NO + "the times of jumps depend on it": driven,
-    NO + "parameters: the forces change with them": lambda p: pendulum(
+    NO + "parameters: the forces of a mechanism must not": lambda p: pendulum(
         forces=[spring(9.0)] * (1 + (p > AT))
     ),
-    NO + "parameters: the number of point masses change": lambda p: pendulum(
+    NO + "parameters: the number of point masses of a": lambda p: pendulum(
         point_masses=[ffr.PointMass(END, 0.1)] * (1 + (p > AT))
     ),
     NO + "parameters: no mechanism with p = ": lambda p: pendulum(

@@ -204,7 +204,7 @@ def test_redundant_rows_are_refused_with_a_proposal() -> None:
 def test_an_axis_that_nothing_holds_is_reported(joint: Joint, force: AppliedForce | None) -> None:
     turn = ffr.Placement(ORIGIN, angular_velocity=(1.5, 2.0, 0.0))
     with pytest.warns(
-        ffr.dynamics.TiltedAxisWarning, match="'loose': the axes of its markers part by [01]"
+        ffr.dynamics.TiltedAxisWarning, match="'loose': the axes of its markers differ by [01]"
     ):
         motion(joint, forces=[force] if force else [], placement=turn)
 

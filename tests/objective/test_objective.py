@@ -408,9 +408,9 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
         ),
         (ffr.JointForce("pin"), r"joint 'pin', but the joints are \['motor bearing', 'crank pin'"),
         (DrivePower("pin"), r"joint 'pin', but the joints are \['motor bearing', 'crank pin'"),
-        (DriveWork("crank pin"), r"'crank pin' drives nothing.* prescribed motion are \['motor'\]"),
+        (DriveWork("crank pin"), r"'crank pin' has no drive.* prescribed motion are \['motor'\]"),
         (ffr.JointForce("crank pin", moment=True), "joint 'crank pin' carries no moment"),
-        (ffr.JointForce(("motor bearing", "crank pin")), "joint 'crank pin' is between bodies"),
+        (ffr.JointForce(("motor bearing", "crank pin")), "joint 'crank pin' connects two bodies"),
         (ffr.JointForce(("motor",)), "carry no forces"),
         (
             ffr.Frequency("rocker", number=2, cluster=2),

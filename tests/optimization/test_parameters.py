@@ -233,7 +233,9 @@ def refusals() -> dict[str, Any]:
     idle = arm_problem(lambda idle, **others: arm(**others), own)
     return {
         "nothing depends on 'idle'": lambda: ffr.optimize(idle, own),
-        "the forces change with them": lambda: ffr.optimize(arm_problem(other_forces), PARAMETERS),
+        "the forces of a mechanism must": lambda: ffr.optimize(
+            arm_problem(other_forces), PARAMETERS
+        ),
         "the function takes 'height', and the parameters": lambda: arm_problem(
             lambda height, **others: arm(**others)
         ),

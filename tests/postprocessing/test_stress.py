@@ -241,7 +241,7 @@ def test_fields_for_paraview(comm: MPI.Intracomm, shared_tmp_path: Path, kind: s
     path = shared_tmp_path / "out" / "fields.xdmf"
     ffr.write_fields(domain, {"von_mises": 1e6 * x, "time": y}, path)
     ffr.write_density(domain, 0.5 + y, path.with_name("density"))  # gets the ending
-    with pytest.raises(ValueError, match=r"density.vtu is no name of an XDMF file"):
+    with pytest.raises(ValueError, match=r"density.vtu.? must end in .xdmf"):
         ffr.write_density(domain, x, path.with_name("density.vtu"))
     if comm.rank > 0:
         return

@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from .integration.start import SINGULAR
 from .kinematics import evaluate_equations
-from .model import FlatModel
-from .trajectory import OVER_TIME, Integrator, Trajectory
+from .trajectory import Trajectory
 
 #: Smallest singular value of the joints' scaled rows, in parts of the largest, below which the
 #: mechanism is said to be singular where a step fails
@@ -34,23 +32,6 @@ class SimulationError(RuntimeError):
     def __reduce__(self) -> tuple[Any, ...]:
         # Other ranks get the message alone, as a trajectory may hold functions.
         return type(self), (str(self), None)
-
-
-def at_rest(model: FlatModel, steps: int, integrator: Integrator) -> Trajectory:
-    """A trajectory of zeros at the start and a number of steps after it, to be filled in."""
-    y, v, w, a = (np.zeros((steps + 1, model.size)) for _ in range(4))
-    multipliers, stabilization = (np.zeros((steps + 1, model.rows)) for _ in range(2))
-    iterations, beginning = np.zeros(steps, dtype=np.int64), np.zeros((4, model.size))
-    times = model.times[: steps + 1]
-    return Trajectory(
-        times, y, v, w, a, multipliers, stabilization, iterations, beginning, model, integrator
-    )
-
-
-def cut(trajectory: Trajectory, last: int) -> Trajectory:
-    """The trajectory up to the instant of a number."""
-    rows = {name: getattr(trajectory, name)[: last + 1].copy() for name in OVER_TIME}
-    return replace(trajectory, **rows, iterations=trajectory.iterations[:last].copy())
 
 
 def diagnosis(trajectory: Trajectory, k: int, where: str, iterations: int, status: int) -> str:

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,15 +17,15 @@ from ..body import VolumeIntegrals
 from ..limits import available_memory
 from ..mechanism import Mechanism
 from .equilibrium import NoEquilibriumError
-from .failures import SimulationError, at_rest
+from .failures import SimulationError
 from .initial import started
-from .integration.accuracy import run_to_tolerance
 from .integration.compiled import compile_kernels
-from .integration.radau import RadauIIA
+from .integration.radau import CONTROL, RadauIIA
 from .integration.time_interval import TimeInterval
-from .load_steps import LoadSteps, load_steps
+from .kinematics import mass_norm, norm_floors
+from .load_steps import SAMPLING, LoadSteps, load_steps
 from .model import assemble_model
-from .trajectory import Integrator, Trajectory
+from .trajectory import Integrator, Trajectory, at_rest
 from .validity import warn_of_limits
 
 
@@ -36,25 +39,23 @@ def simulate(
 ) -> Trajectory:
     """Trajectory of a mechanism, with given steps or to a given accuracy.
 
-    With a tolerance, the steps are shortened until the positions of all material points change by
-    less than the tolerance when steps are twice as long: root mean square by mass, at any time,
-    relative to the largest displacement from the start. The trajectory's ``error`` is the last
-    change. The error itself is smaller, by up to 31 times (Radau IIA) or 3 times (generalised
-    alpha); where unresolved vibrations make all of it, it is about as large. The errors of
-    velocities and deformations, each relative to its own size, are larger. Forces in joints are
-    accurate to the square root of the tolerance, as the trajectory's ``force_error`` tells, unless
-    they jump at times that nobody named. For the error of an objective see
-    :meth:`MechanicalProblem.with_tolerance`. A tolerance takes one and a half to twice the time of
-    the last steps alone.
+    With a tolerance, :class:`RadauIIA` takes shorter and shorter steps until the positions of all
+    material points change by less than the tolerance when steps are twice as long: root mean square
+    by mass, at any time, relative to the largest displacement from the start. The trajectory's
+    ``error`` is the last change. The error itself is smaller, by up to 31 times; where unresolved
+    vibrations make all of it, it is about as large. The errors of velocities and deformations, each
+    relative to its own size, are larger. Forces in joints are accurate to the square root of the
+    tolerance, as the trajectory's ``force_error`` tells; a warning comes where no steps follow
+    them. For the error of an objective see :meth:`MechanicalProblem.with_tolerance`. A tolerance
+    takes one and a half to twice the time of the last steps alone.
 
     Args:
         mechanism: The mechanism.
         bodies: Volume integrals of all bodies, by name.
-        integrator: Time integration; with a tolerance, the one to begin with. A
-            :class:`TimeInterval` stands for its duration and its tolerance.
-        end_time: Duration of the simulation, which starts at zero [s], instead of an integrator:
-            :class:`RadauIIA` with the tolerance.
-        tolerance: Largest relative error of the positions that is allowed.
+        integrator: Time integration with its steps; or a :class:`TimeInterval`, which stands for
+            its duration and its tolerance.
+        end_time: Duration of the simulation, which starts at zero [s], instead of an integrator.
+        tolerance: Largest relative error of the positions that is allowed until then.
 
     Returns:
         The trajectory; computed alike on every rank that calls, without communication.
@@ -78,27 +79,72 @@ def simulate(
         >>> trajectory.error  # estimate of what was reached
     """
     validation.instance("simulate: the mechanism", mechanism, Mechanism, "a Mechanism")
-    if (integrator is None) == (end_time is None):
+    if (integrator is None) == (end_time is None) or (integrator and tolerance is not None):
         raise ValueError("simulate: give either an integrator, or end_time and a tolerance")
-    if end_time is not None and tolerance is None:
-        raise ValueError("simulate: end_time needs a tolerance; or give an integrator with steps")
-    if isinstance(integrator, TimeInterval):
-        end_time, tolerance = integrator.end_time, tolerance or integrator.tolerance
-    method = RadauIIA(end_time) if end_time is not None else integrator
-    needed = "GeneralizedAlpha(...), RadauIIA(...) or TimeInterval(...)"
-    method = validation.instance("simulate: the integrator", method, Integrator, needed)
-    try:
+    if end_time is not None:
         if tolerance is None:
-            trajectory = integrate(mechanism, bodies, method)
-        else:
-            trajectory = run_to_tolerance(
-                method, tolerance, lambda chosen: integrate(mechanism, bodies, chosen)
+            raise ValueError(
+                "simulate: end_time needs a tolerance; or give an integrator with steps"
             )
+        integrator = TimeInterval(end_time, tolerance)
+    needed = "GeneralizedAlpha(...), RadauIIA(...) or TimeInterval(...)"
+    try:
+        if isinstance(integrator, TimeInterval):
+            trajectory = _with_accurate_positions(mechanism, bodies, integrator)
+        else:
+            method = validation.instance("simulate: the integrator", integrator, Integrator, needed)
+            trajectory = integrate(mechanism, bodies, method)
     except SimulationError as error:
         warn_of_limits(error.trajectory, complete=False)
         raise
-    warn_of_limits(trajectory, steps_given=tolerance is None)
+    warn_of_limits(trajectory)
     return trajectory
+
+
+def _with_accurate_positions(
+    mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], interval: TimeInterval
+) -> Trajectory:
+    """Trajectory whose positions change by less than a tolerance when steps are twice as long."""
+    method = RadauIIA(interval.end_time, interval.tolerance)
+    while True:
+        trajectory = integrate(mechanism, bodies, method)
+        ends, tables = trajectory.step_ends, trajectory.model.tables
+        jumps = load_steps(tables, interval.end_time, SAMPLING.samples_of_a_look).corners
+        longer = np.union1d(np.append(ends[:-1:2], ends[-1]), np.intersect1d(ends, jumps))
+        twice_as_long = RadauIIA(interval.end_time, steps=longer)
+        error = math.inf
+        with suppress(SimulationError):  # steps twice as long may be too long
+            coarse = integrate(mechanism, bodies, twice_as_long)
+            error = _position_error(trajectory, coarse)
+        trajectory = replace(trajectory, error=error)
+        if error <= interval.tolerance:
+            return trajectory
+
+        method, steps = method.finer, ends.size - 1
+        if method.tolerance <= 1.5 * CONTROL.tightest or steps > CONTROL.most_steps:
+            raise SimulationError(
+                f"the tolerance of {interval.tolerance:.1e} is out of reach: with {steps} steps "
+                f"the estimated relative error of positions is {error:.1e}; take a larger "
+                "tolerance, or name the times at which forces or motions jump (Mechanism.jumps): "
+                "the motion is not smooth, magnifies errors, or has vibrations that need shorter "
+                "steps",
+                trajectory,
+            )
+
+
+def _position_error(fine: Trajectory, coarse: Trajectory) -> float:
+    """Largest difference of the positions of all material points, over the largest displacement.
+
+    Both are mass norms, at the times at which steps of both trajectories end; the displacement is
+    from the start of the fine one.
+    """
+    common = np.intersect1d(fine.step_ends, coarse.step_ends)
+    y, y_coarse = (r.y[np.searchsorted(r.t, common)] for r in (fine, coarse))
+    arrays = fine.model.arrays
+    difference = float(np.max(mass_norm(arrays, arrays.difference(y, y_coarse))))
+    displacement = float(np.max(mass_norm(arrays, arrays.difference(fine.y, fine.y[0]))))
+    floor = norm_floors(arrays, float(fine.t[-1]))[0]
+    return difference / max(displacement, floor)
 
 
 def integrate(
@@ -114,7 +160,8 @@ def integrate(
         try:
             model, y0, v0 = started(model)
         except NoEquilibriumError as error:
-            raise SimulationError(str(error), at_rest(model, 0, integrator)) from error
+            at_start = at_rest(model, model.times[:1], integrator)
+            raise SimulationError(str(error), at_start) from error
         return integrator.integrate(model, y0, v0)
 
 

@@ -77,32 +77,9 @@ class Integrator(ABC):
         return name if self.adaptive else f"{name} with {self.times.size - 1:,} steps"
 
     @property
-    def coarser(self) -> Integrator:
-        """The method with steps about twice as long, for an estimate of the error."""
-        raise NotImplementedError
-
-    @property
+    @abstractmethod
     def finer(self) -> Integrator:
         """The method with steps half as long, or with a tenth of the tolerance."""
-        raise NotImplementedError
-
-    @property
-    def finest(self) -> bool:
-        """Whether a smaller tolerance would not be met."""
-        return False
-
-    @property
-    def remedy(self) -> str:
-        """Advice where an accuracy is out of reach."""
-        raise NotImplementedError
-
-    def with_steps_of(self, trajectory: Trajectory) -> Integrator:
-        """The method with the steps that a trajectory of it has taken."""
-        return self
-
-    def toward(self, tolerance: float) -> Integrator:
-        """The method with which the search of steps for a tolerance begins."""
-        return self
 
     @abstractmethod
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
@@ -454,6 +431,47 @@ class Trajectory(Shown):
 
     def _momenta(self, body: str) -> Momenta:
         return momenta_of(self.model.arrays, self.model.body_index(body), self.y, self.v)
+
+
+def at_rest(model: FlatModel, times: Array, integrator: Integrator) -> Trajectory:
+    """A trajectory of zeros at the times of a method's rows, to be filled in."""
+    size, steps = model.size, (times.size - 1) // integrator.stages
+    y, v, w, a = (np.zeros((times.size, size)) for _ in range(4))
+    multipliers, stabilization = (np.zeros((times.size, model.rows)) for _ in range(2))
+    return Trajectory(
+        times,
+        y,
+        v,
+        w,
+        a,
+        multipliers,
+        stabilization,
+        iterations=np.zeros(steps, dtype=np.int64),
+        beginning=np.zeros((4, size)),
+        model=model,
+        integrator=integrator,
+    )
+
+
+def leading(trajectory: Trajectory, steps: int) -> Trajectory:
+    """The first steps of a trajectory."""
+    if steps == trajectory.iterations.size:
+        return trajectory
+    rows = trajectory.integrator.stages * steps + 1
+    over_time: dict[str, Any] = {name: getattr(trajectory, name)[:rows] for name in OVER_TIME}
+    return replace(trajectory, **over_time, iterations=trajectory.iterations[:steps])
+
+
+def joined(stretches: Sequence[Trajectory], first_rows: Sequence[int]) -> Trajectory:
+    """One trajectory of several that follow each other, each taken from its first row on."""
+
+    def join(name: str) -> Array:
+        pairs = zip(stretches, first_rows, strict=True)
+        return np.concatenate([getattr(stretch, name)[row:] for stretch, row in pairs])
+
+    over_time: dict[str, Any] = {name: join(name) for name in OVER_TIME}
+    iterations = np.concatenate([stretch.iterations for stretch in stretches])
+    return replace(stretches[0], **over_time, iterations=iterations)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -98,19 +98,17 @@ class TimeStepWarning(UserWarning):
     """
 
 
-def warn_of_limits(
-    trajectory: Trajectory, *, complete: bool = True, steps_given: bool = True
-) -> None:
+def warn_of_limits(trajectory: Trajectory, *, complete: bool = True) -> None:
     """Warn once of each limit that a trajectory exceeds.
 
     One that failed is not `complete`: only placements, softening and tilted axes are reported, as
-    likely reasons. Steps are judged if they are `steps_given` by the caller, not by a tolerance.
+    likely reasons. Steps are judged where the caller gave them.
     """
-    for kind, text in _exceeded(trajectory, complete, steps_given):
+    for kind, text in _exceeded(trajectory, complete):
         warnings.warn(text, kind, stacklevel=3)
 
 
-def _exceeded(trajectory: Trajectory, complete: bool, steps_given: bool) -> Warnings:
+def _exceeded(trajectory: Trajectory, complete: bool) -> Warnings:
     yield from _placements(trajectory)
     softening = _softening(trajectory)
     yield from ((SofteningWarning, text) for text in softening.values())
@@ -124,7 +122,7 @@ def _exceeded(trajectory: Trajectory, complete: bool, steps_given: bool) -> Warn
     yield from _unjudged_forces(trajectory)
     yield from _reversed_axes(trajectory)
     method = trajectory.integrator
-    if steps_given and not method.adaptive and method.chosen_for is None:
+    if not method.adaptive and method.chosen_for is None:
         yield from _loads(trajectory)
         yield from _steps(trajectory)
         yield from _turns(trajectory)
@@ -335,7 +333,7 @@ def _steps(trajectory: Trajectory) -> Warnings:
     excess, what, squared, remedy = max(
         (error(squared) / allowed, what, squared, remedy)
         for what, squared, allowed, remedy in [
-            ("positions", rigid, LIMITS.step_error, "simulate(tolerance=...)"),
+            ("positions", rigid, LIMITS.step_error, "simulate(end_time=..., tolerance=...)"),
             ("deformations", elastic, LIMITS.elastic_step_error, "Problem.with_tolerance"),
         ]
     )

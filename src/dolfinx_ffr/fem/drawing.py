@@ -41,6 +41,20 @@ class Drawing:
         """The curves of a loop in the direction in which it is walked."""
         return [self.curves[i] if forward else self.curves[i].reversed() for i, forward in loop]
 
+    def selected(self, numbers: Sequence[int], faces: Sequence[Face]) -> Drawing:
+        """The curves of some ``numbers``, in this order, and ``faces`` between them."""
+        place = {number: k for k, number in enumerate(numbers)}
+        renumbered = [
+            Face(face.group, [[(place[i], forward) for i, forward in loop] for loop in face.loops])
+            for face in faces
+        ]
+        return Drawing(
+            curves=[self.curves[i] for i in numbers],
+            nodes=[self.nodes[i] for i in numbers],
+            groups=[self.groups[i] for i in numbers],
+            faces=renumbered,
+        )
+
     def grouped(self, loop: CurveLoop) -> list[tuple[Curve, str]]:
         """The curves of a loop, as it is walked, each with its group."""
         return list(zip(self.walked(loop), (self.groups[i] for i, _ in loop), strict=True))

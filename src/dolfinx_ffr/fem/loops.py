@@ -120,12 +120,11 @@ def _grouped(
     fine: float,
 ) -> Drawing:
     """The drawing with the curves of its faces alone, each in the group of its interface."""
-    curves = drawing.curves
     holes = [
         (drawing.polygon([loop], fine), loop) for face in drawing.faces for loop in face.loops[1:]
     ]
     used = sorted({i for face in drawing.faces for loop in face.loops for i, _ in loop})
-    groups = dict.fromkeys(used, "")
+    groups = [""] * len(drawing.curves)
     for name, place in named.items():
         if isinstance(place, Bore):
             members = _bore(source, name, place, holes)
@@ -141,14 +140,10 @@ def _grouped(
                 f"{source}: the interfaces {other_groups.pop()!r} and {name!r} overlap: they have "
                 "a curve in common; give each layers or places of its own, or join them into one"
             )
-        groups |= dict.fromkeys(members, name)
-    new = {i: k for k, i in enumerate(used)}
-    faces = [
-        Face(face.group, [[(new[i], forward) for i, forward in loop] for loop in face.loops])
-        for face in drawing.faces
-    ]
-    chosen = [curves[i] for i in used], [drawing.nodes[i] for i in used]
-    return Drawing(*chosen, [groups[i] for i in used], faces)
+        for i in members:
+            groups[i] = name
+    named_curves = replace(drawing, groups=groups)
+    return named_curves.selected(used, drawing.faces)
 
 
 def _bore(

@@ -260,8 +260,9 @@ class ParametricMechanism(Mechanism):
             if expected != returned:
                 numbers = ", ".join(f"{n} = {v:.6g}" for n, v in parameters.values.items())
                 raise TopologyError(
-                    f"parameters: the {kind} of the mechanism change from {expected} to {returned} "
-                    f"with {numbers}; the function must return the same {kind} for all values"
+                    f"parameters: the {kind} of a mechanism must not change with its parameters, "
+                    f"but changed from {expected} to {returned} with {numbers}; return the same "
+                    "for all values"
                 )
         return mechanism
 

@@ -10,7 +10,7 @@ from itertools import count, pairwise
 import numpy as np
 
 from ..arrays import Array, Integers, Mask
-from ..fem import Arc, Curve, Line, nearest_circle, turns
+from ..fem import Arc, Curve, Drawing, Line, nearest_circle, turns
 from .cut import Segments
 from .field import Field
 from .fitting import corners, fitted, followed, thinned
@@ -22,23 +22,31 @@ Chain = tuple[list[int], Integers]
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
-    """A curve between two regions, and where it comes from."""
+class Boundaries:
+    """Curves between the regions of a body, directed so that material is on their left."""
 
-    curve: Curve  #: Directed so that material is on the left
-    nodes: tuple[int, int]  #: Numbers of its ends; curves that meet share them
-    left: int  #: DESIGN or SOLID
-    right: int  #: VOID, or SOLID right of DESIGN
-    interface: int  #: Number of the interface, -1 where there is none
+    lines: Drawing  #: The curves, those of interfaces in a group by its name; without faces
+    left: Sequence[int]  #: DESIGN or SOLID, for each curve
+    right: Sequence[int]  #: VOID, or SOLID right of DESIGN, for each curve
+
+    def around(self, kind: int) -> list[tuple[int, bool]]:
+        """The sides of curves beside a kind of region; forward where that is on the left."""
+        forward = [(i, True) for i, left in enumerate(self.left) if left == kind]
+        return forward + [(i, False) for i, right in enumerate(self.right) if right == kind]
 
 
-def boundary(
-    lattice: Lattice, segments: Segments, field: Field, step: float, tolerance: float
-) -> list[Side]:
+def boundaries(
+    lattice: Lattice,
+    segments: Segments,
+    field: Field,
+    step: float,
+    tolerance: float,
+    names: Sequence[str],
+) -> Boundaries:
     """Join the segments between the regions of a body to curves.
 
     ``step`` is the length of the lattice's sides [m]; no curve is farther than the tolerance [m]
-    from the ends of its segments.
+    from the ends of its segments; ``names`` are the interfaces by their number.
     """
     primitive, circles = _primitives(lattice)
     on_field = segments.edge < 0
@@ -49,18 +57,24 @@ def boundary(
     chains = list(_chains(segments.ends, marks))
     _onto_circles(points, chains, circles, step)
 
-    sides = []
+    curves: list[Curve] = []
+    nodes: list[tuple[int, int]] = []
+    marks_of_curves: list[Integers] = []
     corner_numbers = count(len(points))
-    curves: Iterable[tuple[tuple[int, int], Curve]]
     for chain, mark in chains:
-        left, right, number, name = (int(m) for m in mark)
-        if number < 0:
+        if mark[2] < 0:
             zero = segments.zero
-            curves = _zero_line(points, chain, zero, corner_numbers, field, step, tolerance)
+            of_chain = _zero_line(points, chain, zero, corner_numbers, field, step, tolerance)
         else:
-            curves = [_side_of_mesh(points, chain, circles.get(number), lattice, tolerance)]
-        sides += [Side(curve, nodes, left, right, name) for nodes, curve in curves]
-    return sides
+            circle = circles.get(int(mark[2]))
+            of_chain = iter([_side_of_mesh(points, chain, circle, lattice, tolerance)])
+        for ends, curve in of_chain:
+            curves.append(curve)
+            nodes.append(ends)
+            marks_of_curves.append(mark)
+    left, right, _, interfaces = np.reshape(marks_of_curves, (-1, 4)).T.tolist()
+    groups = ["" if number < 0 else names[number] for number in interfaces]
+    return Boundaries(Drawing(curves, nodes, groups, []), left, right)
 
 
 def _onto_circles(
@@ -113,7 +127,7 @@ def _zero_line(
     field: Field,
     step: float,
     tolerance: float,
-) -> Iterable[tuple[tuple[int, int], Curve]]:
+) -> Iterator[tuple[tuple[int, int], Curve]]:
     """The curves of a chain along the zero line, with the nodes at their ends."""
     x, closed = points[chain], chain[0] == chain[-1]
     # where short segments were contracted, a point is near the zero line, but not on it

@@ -13,8 +13,7 @@ recognised, also of straight cells with vertices on a circle; other curved sides
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -35,17 +34,17 @@ from ..fem import (
     Face,
     Line,
     LocalSizes,
+    built_on_rank_0,
     check_size,
     enclosed,
     fit_circle,
-    gmsh_model,
     mesh_faces,
     polygon,
     ring,
     turns,
 )
 from ..parallel import on_rank_0
-from .boundary import Side, boundary
+from .boundary import boundaries
 from .cut import cut
 from .enclosed import Findings, LoosePieceWarning, PartWarning
 from .export import Sheet, write
@@ -53,7 +52,7 @@ from .field import Field
 from .in_space import mesh_solid
 from .lattice import Lattice
 from .options import CURVES, MESHES
-from .pieces import attached, drawing, pieces
+from .pieces import attached, pieces
 from .pockets import pocket_faces
 from .verify import Verifiable
 from .widths import Width, member_widths, narrowest_gap, thinnest_member
@@ -334,21 +333,24 @@ class Part(Verifiable):
             validation.number("part: turn", turn, above=0.0)
         degree = validation.integer("part: order", order, least=1)
         drawing = replace(self.drawing, faces=[*self.drawing.faces, *self.pockets])
-        with gmsh_model() if self.body.comm.rank == 0 else nullcontext() as gmsh:
-            on_rank_0(self.body.comm, lambda: self._mesh(gmsh, drawing, size, degree, across, turn))
-            centers = {
-                name: interface.center.tolist()
-                for name, interface in self.body.interfaces.items()
-                if name not in self.lost_interfaces
-            }
-            return self._read(gmsh, degree, centers)
-
-    def _read(self, gmsh: Any, order: int, centers: Mapping[str, Sequence[float]]) -> Domain:
-        """The mesh in a model of gmsh, which rank 0 has, with interfaces by their centres."""
-        model = None if gmsh is None else gmsh.model
-        return Domain.from_gmsh_model(
-            self.body.comm, model, interfaces=list(centers), order=order, centers=centers
+        centers = {
+            name: interface.center.tolist()
+            for name, interface in self.body.interfaces.items()
+            if name not in self.lost_interfaces
+        }
+        return self._built(
+            lambda gmsh: self._mesh(gmsh, drawing, size, degree, across, turn), centers, degree
         )
+
+    def _built(
+        self, build: Callable[[Any], None], centers: Mapping[str, Sequence[float]], order: int
+    ) -> Domain:
+        """The mesh that rank 0 builds, a function of gmsh, with interfaces by their centres."""
+        comm = self.body.comm
+        with built_on_rank_0(comm, build) as model:
+            return Domain.from_gmsh_model(
+                comm, model, interfaces=list(centers), order=order, centers=centers
+            )
 
     def in_space(self, size: float, order: int = 2) -> Domain:
         """The solid that its STEP file has, by tetrahedra, to verify the plane model by.
@@ -366,10 +368,8 @@ class Part(Verifiable):
         self._material_for("its thickness")
         sheet, names = self._sheet, set(self.body.interfaces) - set(self.lost_interfaces)
         walls = {name: self.interface(name) for name in self.body.interfaces if name in names}
-        with gmsh_model() if self.body.comm.rank == 0 else nullcontext() as gmsh:
-            on_rank_0(self.body.comm, lambda: mesh_solid(gmsh, sheet, walls, size))
-            centers = {name: [*self.body.interfaces[name].center, 0.0] for name in walls}
-            return self._read(gmsh, degree, centers)
+        centers = {name: [*self.body.interfaces[name].center, 0.0] for name in walls}
+        return self._built(lambda gmsh: mesh_solid(gmsh, sheet, walls, size), centers, degree)
 
     def resolved(self, size: float, order: int) -> Domain:
         return self.domain(size, order, turn=MESHES.stressed)
@@ -432,25 +432,26 @@ def _find(
     """The boundary of a part on rank 0, from its field on a lattice."""
     assert lattice is not None  # on rank 0
     accuracy, segments = CURVES.accuracy * spacing, cut(lattice, field, spacing)
-    sides = boundary(lattice, segments, field, step, share * spacing)
+    bounds = boundaries(lattice, segments, field, step, share * spacing, names)
 
     of_segment = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
     lengths = _lengths(lattice.points[lattice.chains], lattice.interface, names)
     lengths_of_pieces = _lengths(segments.points[segments.ends], of_segment, names)
-    attachment = attached(pieces(sides, accuracy), lengths, lengths_of_pieces, joined=web > 0.0)
-    of_part = [sides[i] for piece in attachment.pieces for i in piece.sides]
+    attachment = attached(pieces(bounds, accuracy), lengths, lengths_of_pieces, joined=web > 0.0)
 
-    drawn = drawing(sides, attachment.pieces, names)
+    curves = [i for piece in attachment.pieces for i in piece.curves]
+    faces = [face for piece in attachment.pieces for face in piece.faces]
+    drawn = bounds.lines.selected(curves, faces)
     around = _outlines(drawn, accuracy)
     loose = []
     for piece in attachment.loose:
-        alone = drawing(sides, [piece], names)
+        alone = bounds.lines.selected(piece.curves, piece.faces)
         (outline,) = _outlines(alone, accuracy)
         loose.append(LoosePiece(piece.area, piece.center, outline))
     return _Findings(
         pieces=len(around),
         drawing=drawn,
-        warnings=attachment.warnings + _polygon_warnings(of_part, names),
+        warnings=attachment.warnings + _polygon_warnings(drawn, names),
         loose=loose,
         lost_interfaces=[name for name, length in lengths_of_pieces.items() if length == 0.0],
         crossing=_crossing(around, CURVES.crossing_accuracy * spacing),
@@ -471,14 +472,15 @@ def _outlines(drawing: Drawing, accuracy: float) -> Outlines:
     return [[drawing.walked(loop) for loop in loops] for loops in pieces]
 
 
-def _polygon_warnings(sides: Sequence[Side], names: Sequence[str]) -> list[PartWarning]:
+def _polygon_warnings(drawing: Drawing, names: Sequence[str]) -> list[PartWarning]:
     """Warnings of interfaces that may be round bores, but whose mesh is too coarse for arcs."""
     warnings = []
-    for number, name in enumerate(names):
-        wall = [side for side in sides if side.interface == number]
-        closed = {side.nodes[0] for side in wall} == {side.nodes[1] for side in wall}
-        if closed and wall and all(isinstance(side.curve, Line) for side in wall):
-            if fit_circle(np.array([side.curve.start for side in wall])) is not None:
+    for name in names:
+        numbers = [i for i, group in enumerate(drawing.groups) if group == name]
+        wall = [drawing.curves[i] for i in numbers]
+        starts, ends = ({drawing.nodes[i][k] for i in numbers} for k in (0, 1))
+        if wall and starts == ends and all(isinstance(side, Line) for side in wall):
+            if fit_circle(np.array([side.start for side in wall])) is not None:
                 is_coarse = len(wall) < CURVES.few_sides
                 remedy = (
                     "give it ten elements around, or order=2"

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..fem import Drawing, Face, ShapeError, connected
-from .boundary import Side
+from ..fem import Face, ShapeError, connected
+from .boundary import Boundaries
 from .enclosed import LoosePieceWarning, PartWarning
 from .lattice import DESIGN, SOLID
 
@@ -21,9 +21,9 @@ _GROUPS = {DESIGN: "design", SOLID: "solid"}
 class Piece:
     """A connected piece of material: its faces, in designed and in solid cells."""
 
-    sides: Sequence[int]  #: Numbers of the sides that bound its faces
-    faces: Sequence[Face]  #: Loops of sides; forward where the face is on the left
-    interfaces: frozenset[int]  #: Numbers of the interfaces that it touches
+    curves: Sequence[int]  #: Numbers of the curves that bound its faces
+    faces: Sequence[Face]
+    interfaces: frozenset[str]  #: Names of the interfaces that it touches
     area: float  #: [m^2]
     center: Array  #: (2,) of its area [m]
 
@@ -37,52 +37,36 @@ class Attachment:
     warnings: list[PartWarning]  #: The first says that loose ones are left out
 
 
-def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
-    """The connected pieces between the sides of all regions, the largest first.
+def pieces(bounds: Boundaries, tolerance: float) -> list[Piece]:
+    """The connected pieces between the boundaries of all regions, the largest first.
 
     The tolerance is that of the polygons by which holes are found in their faces [m].
     """
-    lines = Drawing([side.curve for side in sides], [side.nodes for side in sides], [], [])
-    faces = []
-    for kind, group in _GROUPS.items():
-        beside = [(i, True) for i, side in enumerate(sides) if side.left == kind]
-        beside += [(i, False) for i, side in enumerate(sides) if side.right == kind]
-        faces += [Face(group, loops) for loops in lines.faces_beside(beside, tolerance)]
+    lines = bounds.lines
+    faces = [
+        Face(group, loops)
+        for kind, group in _GROUPS.items()
+        for loops in lines.faces_beside(bounds.around(kind), tolerance)
+    ]
     moments = [lines.moments(face.loops) for face in faces]
 
-    faces_at: dict[int, list[int]] = {}  # by the number of a side
+    faces_at: dict[int, list[int]] = {}  # by the number of a curve
     for number, face in enumerate(faces):
         for loop in face.loops:
-            for side, _ in loop:
-                faces_at.setdefault(side, []).append(number)
+            for curve, _ in loop:
+                faces_at.setdefault(curve, []).append(number)
     neighbours = np.array([[at[0], at[-1]] for at in faces_at.values()]).reshape(-1, 2)
     label = connected(neighbours, len(faces))
 
     result = []
     for piece in range(label.max(initial=-1) + 1):
         members = np.flatnonzero(label == piece)
-        bounds = sorted({i for f in members for loop in faces[f].loops for i, _ in loop})
-        interfaces = frozenset(sides[i].interface for i in bounds) - {-1}
+        curves = sorted({i for f in members for loop in faces[f].loops for i, _ in loop})
+        interfaces = frozenset(lines.groups[i] for i in curves) - {""}
         area, *moment = np.sum([moments[f] for f in members], axis=0)
         center = np.array(moment) / area
-        result.append(Piece(bounds, [faces[f] for f in members], interfaces, area, center))
+        result.append(Piece(curves, [faces[f] for f in members], interfaces, area, center))
     return sorted(result, key=lambda piece: -piece.area)
-
-
-def drawing(sides: Sequence[Side], pieces: Sequence[Piece], names: Sequence[str]) -> Drawing:
-    """The pieces as faces between numbered curves, with the names of their interfaces."""
-    number = {i: n for n, i in enumerate(i for piece in pieces for i in piece.sides)}
-    drawn = [sides[i] for i in number]
-    return Drawing(
-        curves=[side.curve for side in drawn],
-        nodes=[side.nodes for side in drawn],
-        groups=["" if side.interface < 0 else names[side.interface] for side in drawn],
-        faces=[
-            Face(face.group, [[(number[i], forward) for i, forward in loop] for loop in face.loops])
-            for piece in pieces
-            for face in piece.faces
-        ],
-    )
 
 
 def attached(
@@ -140,7 +124,14 @@ def attached(
 
 def _check_connected(pieces: Sequence[Piece], names: Sequence[str]) -> None:
     """Refuse pieces that all touch interfaces but do not connect them."""
-    pairs = np.array([(i, len(names) + k) for k, p in enumerate(pieces) for i in p.interfaces])
+    number = {name: i for i, name in enumerate(names)}
+    pairs = np.array(
+        [
+            (number[name], len(names) + k)
+            for k, piece in enumerate(pieces)
+            for name in piece.interfaces
+        ]
+    )
     label = connected(pairs, len(names) + len(pieces))
     groups: dict[int, list[str]] = {}
     for i in np.unique(pairs[:, 0]):

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -12,10 +11,17 @@ import numpy as np
 from ... import validation
 from ...arrays import Array
 from ..compilation import Compiled, Table
-from ..failures import SimulationError, at_rest, cut, diagnosis
+from ..failures import SimulationError, diagnosis
 from ..kinematics import Kinematics, Samples
 from ..model import FlatModel
-from ..trajectory import Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
+from ..trajectory import (
+    Integrator,
+    Trajectory,
+    TrajectoryBar,
+    TrajectoryPullback,
+    at_rest,
+    leading,
+)
 from .linear import linear_system
 from .start import (
     CONVERGED,
@@ -89,10 +95,6 @@ class GeneralizedAlpha(Integrator):
         return f"{super().in_words} of spectral radius {self.spectral_radius:g}"
 
     @property
-    def coarser(self) -> GeneralizedAlpha:
-        return replace(self, steps=max(int(self.steps) // 2, 1))
-
-    @property
     def finer(self) -> GeneralizedAlpha:
         return replace(self, steps=2 * int(self.steps))
 
@@ -117,17 +119,6 @@ class GeneralizedAlpha(Integrator):
                         [-alpha_f, 0.0, -alpha_m]])  # fmt: skip
         return float(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(new, old)))))
 
-    @property
-    def remedy(self) -> str:
-        return (
-            f"take a larger tolerance, or RadauIIA({self.end_time:g}), whose error falls with the "
-            "fifth power of the step"
-        )
-
-    def toward(self, tolerance: float) -> GeneralizedAlpha:
-        # An even number, half of which are whole steps.
-        return replace(self, steps=2 * math.ceil(int(self.steps) / 2))
-
     def _near_start_weight(self, model: FlatModel) -> float:
         """Weight of the accelerations near the start in the method's first own accelerations.
 
@@ -142,7 +133,7 @@ class GeneralizedAlpha(Integrator):
 
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
         count, offset, kinematics = int(self.steps), model.offset, Kinematics(model.arrays)
-        trajectory = at_rest(model, count, self)
+        trajectory = at_rest(model, model.times[: count + 1], self)
         y, v, w, a = trajectory.y, trajectory.v, trajectory.w, trajectory.a
         near_start, multipliers = trajectory.beginning, trajectory.multipliers
         y[0], v[0] = y0, v0
@@ -157,7 +148,7 @@ class GeneralizedAlpha(Integrator):
             # The tables of the mechanism end with the instant near the start.
             shortly_after = start_accelerations(kinematics, count + 1, *near_start[:2])
         if shortly_after is None:
-            raise SimulationError(NO_START, cut(trajectory, 0))
+            raise SimulationError(NO_START, leading(trajectory, 0))
         near_start[2], near_start[3, : model.rows] = shortly_after
         a[0] = w[0] + self._near_start_weight(model) * (near_start[2] - w[0])
         steps = self._steps(trajectory, self.step)
@@ -169,7 +160,7 @@ class GeneralizedAlpha(Integrator):
             step = f"step {good + 1} of {count}, {self.step:.3g} s each"
             iterations = int(trajectory.iterations[good])
             text = diagnosis(trajectory, good + 1, step, iterations, status)
-            raise SimulationError(text, cut(trajectory, good))
+            raise SimulationError(text, leading(trajectory, good))
         return trajectory
 
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:

@@ -18,19 +18,26 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import validation
-from ...arrays import Array, Integers
+from ...arrays import Array
 from ..compilation import Compiled, Table
 from ..failures import SimulationError, diagnosis
 from ..kinematics import Kinematics, Samples, mass_norm, norm_floors
 from ..load_steps import SAMPLING, LoadSteps, equal_steps, load_steps
 from ..model import FlatModel
-from ..trajectory import OVER_TIME, Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
+from ..trajectory import (
+    Integrator,
+    Trajectory,
+    TrajectoryBar,
+    TrajectoryPullback,
+    at_rest,
+    joined,
+    leading,
+)
 from .linear import linear_system
 from .stage_loops import OF_FORCES, REJECTED, backward, march
 from .stages import NODES, A, Stages
@@ -57,6 +64,8 @@ class StepControl:
     first_step: float = 1e-3  #: First step to try, in parts of the duration.
     #: Steps below this share of the duration mean that the motion cannot be followed.
     shortest: float = 1e-11
+    #: Steps beyond which no smaller tolerance is tried for the sake of the positions.
+    most_steps: int = 2**17
     #: Share of the duration, or of a step, below which two times count as the same.
     same_time: float = 1e-9
     no_jump: float = 1e-9  #: A jump of accelerations below this share of them is round-off.
@@ -81,8 +90,6 @@ class StepControl:
 
 
 CONTROL = StepControl()
-#: Arrays with three rows for each step; the method has no accelerations of its own.
-_OVER_TIME = tuple(name for name in OVER_TIME if name != "a")
 
 
 @dataclass(frozen=True)
@@ -164,14 +171,6 @@ class RadauIIA(Integrator):
         return None if self.steps is None or np.ndim(self.steps) else int(self.steps)  # type: ignore[arg-type]
 
     @property
-    def coarser(self) -> RadauIIA:
-        if self.steps is None:
-            return replace(self, tolerance=min(2.0**self.order * self.tolerance, CONTROL.loosest))
-        if self._count is not None:
-            return replace(self, steps=max(self._count // 2, 1))
-        return replace(self, steps=np.append(self.times[:-1:2], self.end_time))
-
-    @property
     def finer(self) -> RadauIIA:
         if self.steps is None:
             return replace(self, tolerance=max(0.1 * self.tolerance, CONTROL.tightest))
@@ -199,45 +198,28 @@ class RadauIIA(Integrator):
     def adaptive(self) -> bool:
         return self.steps is None
 
-    @property
-    def finest(self) -> bool:
-        return self.adaptive and self.tolerance <= 1.5 * CONTROL.tightest
-
     def amplification(self, phase: float) -> float:
         z = 1j * phase
         over = 1.0 + z * (2.0 / 5.0 + z / 20.0)
         return float(abs(over / (1.0 - z * (3.0 / 5.0 - z * (3.0 / 20.0 - z / 60.0)))))
 
-    @property
-    def remedy(self) -> str:
-        return (
-            "take a larger tolerance, or name the times at which forces or motions jump "
-            "(Mechanism.jumps): the motion is not smooth, magnifies errors, or has vibrations "
-            "that need shorter steps"
-        )
-
-    def with_steps_of(self, trajectory: Trajectory) -> RadauIIA:
-        return replace(self, steps=trajectory.step_ends)
-
-    def toward(self, tolerance: float) -> RadauIIA:
-        return replace(self, tolerance=tolerance) if self.adaptive else self
-
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
-        start = _Rows.empty(np.zeros(1), model)
+        start = at_rest(model, np.zeros(1), self)
         start.y[0], start.v[0] = y0, v0
         kinematics = Kinematics(model.arrays)
         kinematics.begin(y0)
-        start.turns = kinematics.turns(1)
+        start = replace(start, turns=kinematics.turns(1))
         at_start = start_accelerations(kinematics, 0, y0, v0)
         if at_start is None:
-            so_far = _March(self, model, start).trajectory()
-            raise SimulationError(NO_START, so_far)
+            raise SimulationError(NO_START, start)
         start.w[0], start.multipliers[0] = at_start
+
         if self.steps is not None:
             ends = _step_ends(self, _jumps_inside(model, self))
-            march_state = _March(self, model.at(_stage_times(ends)), start)
+            march_state = _March(model.at(_stage_times(ends)), start)
             march_state.in_steps(ends)
             return march_state.trajectory()
+
         loads = load_steps(model.tables, self.end_time, SAMPLING.samples_of_a_look)
         # no step follows the forces under a load that is noise
         if loads.resolved:
@@ -251,14 +233,14 @@ class RadauIIA(Integrator):
         return replace(march_state.trajectory(), force_error=math.nan)
 
     def _adaptive(
-        self, model: FlatModel, start: _Rows, loads: LoadSteps, *, by_forces: bool
+        self, model: FlatModel, start: Trajectory, loads: LoadSteps, *, by_forces: bool
     ) -> _March:
         """The motion in steps that keep the tolerance, after a run that finds its norms.
 
         Forces in joints limit the steps `by_forces`, too.
         """
         brief = CONTROL.brief * self.end_time if by_forces else math.inf
-        march_state = _March(self, model, start, loads, brief)
+        march_state = _March(model, start, loads, brief)
         first_step = CONTROL.first_step * self.end_time
         if self.tolerance < CONTROL.loosest:
             march_state.adaptively(CONTROL.loosest, first_step)
@@ -268,14 +250,12 @@ class RadauIIA(Integrator):
         return march_state
 
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
-        model = trajectory.model
-        kinematics = Kinematics(model.arrays, trajectory.turns)
-        over_time = {name: getattr(trajectory, name) for name in _OVER_TIME}
+        model, rows = trajectory.model, trajectory
         if model.arrays.turning:  # the transpose changes them to coordinates within each step
-            over_time |= {"y": trajectory.y.copy(), "v": trajectory.v.copy()}
-        errors = np.zeros((trajectory.iterations.size, 4))
-        rows = _Rows(**over_time, errors=errors, iterations=trajectory.iterations)
-        stages = rows.stages(np.diff(trajectory.step_ends))
+            rows = replace(trajectory, y=trajectory.y.copy(), v=trajectory.v.copy())
+        kinematics = Kinematics(model.arrays, trajectory.turns)
+        lengths = np.diff(trajectory.step_ends)
+        stages = _stages(rows, lengths, np.zeros((lengths.size, 4)), _state(model))
         bars = step_bars(bar.y, bar.v, bar.w, bar.multipliers)
         system = Table(linear_system(3 * (model.size + 2 * model.rows)))
         if backward(kinematics.table, Table(stages), Table(bars), system) != CONVERGED:
@@ -319,77 +299,52 @@ def _step_ends(integrator: RadauIIA, jumps: Array) -> Array:
     return equal_steps(corners, np.diff(corners) / length, fewest)
 
 
-def _jumps_inside(model: FlatModel, integrator: RadauIIA) -> Array:
+def _jumps_inside(model: FlatModel, integrator: Integrator) -> Array:
     """Jumps between the start and the end [s]."""
     jumps, least = model.tables.jumps, CONTROL.same_time * integrator.end_time
     jumps = jumps[(jumps > least) & (jumps < integrator.end_time - least)]
     return jumps[np.diff(jumps, prepend=0.0) > least]
 
 
-@dataclass(eq=False)
-class _Rows:
-    """A stretch of a trajectory: its start, and three rows for each step."""
+def _state(model: FlatModel) -> dict[str, Array]:
+    """What the compiled loop hands on from call to call, see :class:`Stages`."""
+    n = model.size
+    return {
+        "sizes": np.zeros(4),
+        "brief": np.zeros(1),
+        "reference": np.zeros(n),
+        "factor_state": np.zeros(2),
+        "weight": np.zeros(n),
+        "mass": np.zeros((n, n)),
+    }
 
-    t: Array
-    y: Array
-    v: Array
-    w: Array
-    multipliers: Array
-    stabilization: Array
-    turns: Array
-    errors: Array  #: Norms of the errors, shape (steps, 4).
-    iterations: Integers
 
-    @staticmethod
-    def empty(t: Array, model: FlatModel) -> _Rows:
-        y, v, w = (np.zeros((t.size, model.size)) for _ in range(3))
-        multipliers, stabilization = (np.zeros((t.size, model.rows)) for _ in range(2))
-        steps = t.size // 3
-        errors, iterations = np.zeros((steps, 4)), np.zeros(steps, dtype=np.int64)
-        turns = np.zeros((t.size, 0, 2))
-        return _Rows(t, y, v, w, multipliers, stabilization, turns, errors, iterations)
+def _stages(rows: Trajectory, lengths: Array, errors: Array, state: dict[str, Array]) -> Stages:
+    """Arrays of a trajectory and a state for the compiled loops, without copies."""
+    n, constraints = rows.y.shape[1], rows.multipliers.shape[1]
+    return Stages(
+        lengths=lengths,
+        y=rows.y,
+        v=rows.v,
+        w=rows.w,
+        lam=rows.multipliers,
+        eta=rows.stabilization,
+        iterations=rows.iterations,
+        last=np.zeros(1, dtype=np.int64),
+        errors=errors,
+        w_before=np.zeros((3, n)),
+        lam_before=np.zeros((3, constraints)),
+        **state,
+    )
 
-    @staticmethod
-    def joined(stretches: Sequence[_Rows]) -> _Rows:
-        """One stretch of several; each begins with the last row of the one before."""
 
-        def join(name: str, start: int) -> NDArray:
-            arrays = [getattr(stretch, name) for stretch in stretches]
-            return np.concatenate([arrays[0], *(array[start:] for array in arrays[1:])])
+class _Attempt(NamedTuple):
+    """Steps that were tried at once."""
 
-        over_time = {name: join(name, 1) for name in _OVER_TIME}
-        return _Rows(**over_time, errors=join("errors", 0), iterations=join("iterations", 0))
-
-    def leading(self, steps: int) -> _Rows:
-        over_time = {name: getattr(self, name)[: 3 * steps + 1] for name in _OVER_TIME}
-        errors, iterations = self.errors[:steps], self.iterations[:steps]
-        return _Rows(**over_time, errors=errors, iterations=iterations)
-
-    def stages(self, lengths: Array, **state: Array) -> Stages:
-        """Arrays for the compiled loops, without copies; their state as given, or zeros."""
-        n, rows = self.y.shape[1], self.multipliers.shape[1]
-        if not state:
-            state = {
-                **{name: np.zeros(n) for name in ("reference", "weight")},
-                "sizes": np.zeros(4),
-                "brief": np.zeros(1),
-                "factor_state": np.zeros(2),
-                "mass": np.zeros((n, n)),
-            }
-        return Stages(
-            lengths=lengths,
-            y=self.y,
-            v=self.v,
-            w=self.w,
-            lam=self.multipliers,
-            eta=self.stabilization,
-            iterations=self.iterations,
-            last=np.zeros(1, dtype=np.int64),
-            errors=self.errors,
-            w_before=np.zeros((3, n)),
-            lam_before=np.zeros((3, rows)),
-            **state,
-        )
+    outcome: int  #: Of the compiled loop.
+    good: int  #: Number of steps before the one that failed.
+    rows: Trajectory  #: All of them, with their start.
+    errors: Array  #: Norms of their errors, shape (steps, 4).
 
 
 class _March:
@@ -397,9 +352,8 @@ class _March:
 
     def __init__(
         self,
-        integrator: RadauIIA,
         model: FlatModel,
-        start: _Rows,
+        start: Trajectory,
         loads: LoadSteps | None = None,
         brief: float = float(np.finfo(float).tiny),
     ) -> None:
@@ -407,31 +361,27 @@ class _March:
 
         Steps below a `brief` length [s] are the less judged by their multipliers.
         """
-        self.integrator, self.model, self.start = integrator, model, start
-        self.norms = norm_floors(model.arrays, integrator.end_time)
-        self.corners = model.tables.jumps
-        self.ends = [integrator.end_time]
+        self.model, self.start, self.integrator = model, start, start.integrator
+        self.end_time = start.integrator.end_time
+        self.norms = norm_floors(model.arrays, self.end_time)
+        self.jumps = _jumps_inside(model, self.integrator)
+        self.corners, self.ends = model.tables.jumps, [self.end_time]
         if loads is not None:
             self.corners = np.union1d(self.corners, loads.corners)
             # Steps end where loads or motions change so fast that a step might not see it.
-            inside = np.union1d(_jumps_inside(model, integrator), loads.special)
-            self.ends = [*inside.tolist(), integrator.end_time]
+            inside = np.union1d(self.jumps, loads.special)
+            self.ends = [*inside.tolist(), self.end_time]
         size = model.size + 2 * model.rows
         self.system, self.small = Table(linear_system(3 * size)), Table(linear_system(size))
-        self.state = {
-            "sizes": self.norms,
-            "brief": np.full(1, brief),
-            "reference": start.y[0],
-            "factor_state": np.zeros(2),
-            "weight": np.zeros(model.size),
-            "mass": np.zeros((model.size, model.size)),
-        }
+        self.state = _state(model)
+        self.state |= {"sizes": self.norms, "brief": np.full(1, brief), "reference": start.y[0]}
         self._kinematics: Kinematics | None = None
         self.begin_anew()
 
     def begin_anew(self) -> None:
         """Go back to the start, with the norms that have been found."""
         self.stretches = [self.start]
+        self.largest_errors = np.zeros((1, 4))
         for name in ("factor_state", "weight", "mass"):
             self.state[name][:] = 0.0
 
@@ -446,29 +396,39 @@ class _March:
 
     def trajectory(self) -> Trajectory:
         """The motion so far."""
-        rows, model = _Rows.joined(self.stretches), self.model
-        if not np.array_equal(rows.t, model.times):
-            model = model.at(rows.t)
-        return _trajectory(self.integrator, model, rows, self.norms)
+        trajectory = joined(self.stretches, [0, *[1] * (len(self.stretches) - 1)])
+        t, model = trajectory.t, self.model
+        if not np.array_equal(t, model.times):
+            model = model.at(t)
+        weights = np.zeros(t.size)
+        weights[1:] = np.ravel(np.diff(t[::3])[:, None] * A[2])
+        return replace(
+            trajectory,
+            a=trajectory.w,
+            model=model,
+            weights=weights,
+            error=_relative(self.largest_errors, self.norms) ** (1.0 / CONTROL.exponent),
+            force_error=float(self.largest_errors[0, 3] / self.norms[3]),
+        )
 
     def in_steps(self, ends: Array) -> None:
         """Take all steps with the given ends, the start first; their stages are tabulated."""
-        at_jumps = np.flatnonzero(np.isin(ends, _jumps_inside(self.model, self.integrator)))
+        at_jumps = np.flatnonzero(np.isin(ends, self.jumps))
         for begin, end in pairwise([0, *at_jumps, ends.size - 1]):
             arrays = self.model.between(3 * begin, 3 * end + 1)
             kinematics = Kinematics(arrays, self.stretches[-1].turns[-1:])
-            status, good, rows = self.advance(ends[begin : end + 1], math.inf, kinematics)
-            if status != CONVERGED:
-                raise self.failure(rows, good, status)
+            attempt = self.advance(ends[begin : end + 1], math.inf, kinematics)
+            if attempt.outcome != CONVERGED:
+                raise self.failure(attempt)
 
     def adaptively(self, tolerance: float, first_step: float) -> None:
         """Go on to the end in steps that keep a tolerance, the first one as long as given.
 
         The norms grow on the way.
         """
-        duration, limit = self.integrator.end_time, tolerance**CONTROL.exponent
-        h, batch, last_error = min(first_step, duration), 1, 1.0
-        while self.t < duration:
+        limit = tolerance**CONTROL.exponent
+        h, batch, last_error = min(first_step, self.end_time), 1, 1.0
+        while self.t < self.end_time:
             t = self.t
             end = next(end for end in self.ends if end > t)
             if t in self.ends:
@@ -478,9 +438,10 @@ class _March:
                 ends = np.linspace(t, end, max(count, 1) + 1)
             else:
                 ends = t + h * np.arange(batch + 1)
-            status, good, rows = self.advance(ends, limit)
-            if status == CONVERGED:
-                error = max(_relative(rows.errors, self.norms) / limit, 1e-8)
+
+            attempt = self.advance(ends, limit)
+            if attempt.outcome == CONVERGED:
+                error = max(_relative(attempt.errors, self.norms) / limit, 1e-8)
                 factor = CONTROL.safety * error**-CONTROL.proportional
                 factor *= last_error**CONTROL.integral
                 last_error = error
@@ -488,45 +449,51 @@ class _March:
                     batch = min(2 * batch, CONTROL.most_at_once)
                 else:
                     h *= min(max(factor, CONTROL.least_factor), CONTROL.largest_factor)
-                    h = min(h, duration)
+                    h = min(h, self.end_time)
                     batch = min(batch + 1, CONTROL.most_at_once) if factor < 1.5 else 1
                 continue
-            if status == REJECTED:
-                error = _relative(rows.errors[good : good + 1], self.norms) / limit
+
+            if attempt.outcome == REJECTED:
+                of_step = attempt.errors[attempt.good : attempt.good + 1]
+                error = _relative(of_step, self.norms) / limit
                 factor = CONTROL.safety * min(max(error, 1.0), 1e8) ** (-1.0 / 4.0)
                 h *= min(max(CONTROL.least_factor, factor), CONTROL.after_rejection)
             else:
                 h *= CONTROL.after_divergence
             batch, last_error = 1, 1.0
-            if h < CONTROL.shortest * duration:
-                raise self.failure(rows, good, status)
+            if h < CONTROL.shortest * self.end_time:
+                raise self.failure(attempt)
 
-    def advance(
-        self, ends: Array, limit: float, kinematics: Kinematics | None = None
-    ) -> tuple[int, int, _Rows]:
+    def advance(self, ends: Array, limit: float, kinematics: Kinematics | None = None) -> _Attempt:
         """Take steps from ends[0], the present time, to the others.
 
         The equations of motion are tabulated at the stages of the steps where no `kinematics` are
-        given. Gives the outcome, the number of good steps and all steps that were tried.
+        given.
         """
         so_far = self.stretches[-1]
-        rows = _Rows.empty(_stage_times(ends), self.model)
+        rows = at_rest(self.model, _stage_times(ends), self.integrator)
         for name in ("y", "v", "w", "multipliers", "stabilization"):
             getattr(rows, name)[0] = getattr(so_far, name)[-1]
-        last_step, stages = 0.0, rows.stages(np.diff(ends), **self.state)
+        lengths = np.diff(ends)
+        errors = np.zeros((lengths.size, 4))
+        last_step, stages = 0.0, _stages(rows, lengths, errors, self.state)
         # No polynomial goes on behind a jump.
-        if so_far.errors.size and not self._jumps(rows):
+        if so_far.steps and not self._jumps(rows):
             last_step = float(so_far.t[-1] - so_far.t[-4])
             stages.w_before[:], stages.lam_before[:] = so_far.w[-3:], so_far.multipliers[-3:]
         if kinematics is None:
             kinematics = self._kinematics_at(rows.t, so_far.turns[-1:])
         kinematics.begin(rows.y[0])
-        status = march(kinematics.table, Table(stages), self.system, self.small, last_step, limit)
+        outcome = march(kinematics.table, Table(stages), self.system, self.small, last_step, limit)
+
         good = int(stages.last[0])
-        rows.turns = kinematics.turns(rows.t.size)
+        if so_far.turns.size:
+            rows = replace(rows, turns=kinematics.turns(rows.t.size))
         if good:
-            self.stretches.append(rows.leading(good))
-        return status, good, rows
+            self.stretches.append(leading(rows, good))
+            largest_of_these = np.max(errors[:good], axis=0)
+            self.largest_errors = np.maximum(self.largest_errors, largest_of_these)
+        return _Attempt(outcome, good, rows, errors)
 
     def _kinematics_at(self, times: Array, turns: Array) -> Kinematics:
         """Equations of motion at times (instants,) [s], whose angles count on from turns.
@@ -542,7 +509,7 @@ class _March:
         self._kinematics = Kinematics(self.model.arrays._replace(**tables), turns)
         return self._kinematics
 
-    def _jumps(self, rows: _Rows) -> bool:
+    def _jumps(self, rows: Trajectory) -> bool:
         """Add the jumps of accelerations and multipliers at the start, if there are any.
 
         Each is the difference of two solutions at the same state. Either of them alone would differ
@@ -553,7 +520,7 @@ class _March:
             return False
         # One that nobody named is known to some units in the last place of the end time.
         named = t in model.tables.jumps
-        slack = 0.0 if named else SAMPLING.just_before * self.integrator.end_time
+        slack = 0.0 if named else SAMPLING.just_before * self.end_time
         sides = accelerations_at_jump(model, t, rows.y[0], rows.v[0], slack)
         if sides is None:
             return False
@@ -567,39 +534,21 @@ class _March:
         rows.multipliers[0] += multipliers_after - multipliers
         return True
 
-    def failure(self, rows: _Rows, good: int, status: int) -> SimulationError:
+    def failure(self, attempt: _Attempt) -> SimulationError:
         """The exception for a failed step."""
-        so_far, row = self.trajectory(), 3 * good + 3
+        so_far, rows, row = self.trajectory(), attempt.rows, 3 * attempt.good + 3
         length = rows.t[row] - rows.t[row - 3]
-        if status == REJECTED:
+        if attempt.outcome == REJECTED:
             text = (
                 f"at t = {rows.t[row - 3]:.6g} s steps of {length:.1e} s are too long for the "
                 "tolerance: the motion cannot go on, or is not smooth there; look at the motion so "
                 "far in the exception's trajectory"
             )
             return SimulationError(text, so_far)
-        tried = _trajectory(self.integrator, self.model.at(rows.t), rows, self.norms)
+        tried = replace(rows, model=self.model.at(rows.t))
         step = f"step {so_far.step_ends.size} of {length:.3g} s"
-        iterations = int(rows.iterations[good])
-        return SimulationError(diagnosis(tried, row, step, iterations, status), so_far)
-
-
-def _trajectory(integrator: RadauIIA, model: FlatModel, rows: _Rows, norms: Array) -> Trajectory:
-    """A trajectory of the rows, whose errors count relative to the norms (4,)."""
-    weights = np.zeros(rows.t.size)
-    weights[1:] = np.ravel(np.diff(rows.t[::3])[:, None] * A[2])
-    largest = _relative(rows.errors, norms)
-    return Trajectory(
-        **{name: getattr(rows, name) for name in _OVER_TIME},
-        a=rows.w,
-        iterations=rows.iterations,
-        beginning=np.zeros((4, model.size)),
-        model=model,
-        integrator=integrator,
-        weights=weights,
-        error=largest ** (1.0 / CONTROL.exponent),
-        force_error=float(np.max(rows.errors[:, 3] / norms[3], initial=0.0)),
-    )
+        iterations = int(rows.iterations[attempt.good])
+        return SimulationError(diagnosis(tried, row, step, iterations, attempt.outcome), so_far)
 
 
 def _relative(errors: Array, norms: Array) -> float:

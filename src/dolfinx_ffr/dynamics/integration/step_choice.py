@@ -62,6 +62,8 @@ Judge = Callable[[Trajectory], Array]
 class ChoiceOptions:
     """Options of the search for accurate numbers and for the cheapest steps that reach them."""
 
+    tightest: float = 1e-12  #: Least tolerance that may be asked for.
+    loosest: float = 0.1  #: Largest tolerance.
     #: Time of a step of Radau IIA and its adjoint over the time of a step of generalised alpha: 5.7
     #: to 8.6 were measured with 4 to 80 normal modes. It is a constant, so that the choice does not
     #: depend on the machine.

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ... import validation
-from .accuracy import ACCURACY
+from .step_choice import CHOICE
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,4 @@ class TimeInterval:
 
     def __post_init__(self) -> None:
         validation.number("end_time", self.end_time, above=0.0, unit="s")
-        validation.number(
-            "tolerance", self.tolerance, least=ACCURACY.tightest, most=ACCURACY.loosest
-        )
+        validation.number("tolerance", self.tolerance, least=CHOICE.tightest, most=CHOICE.loosest)

@@ -12,9 +12,9 @@ quadratic functions of the coordinates are right therefore, while the steps are 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, ClassVar, NoReturn
+from typing import ClassVar, NoReturn
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from ..failures import SimulationError
 from ..load_steps import LoadSteps
 from ..model import FlatModel
 from ..tables import BESIDE_JUMP
-from ..trajectory import OVER_TIME, Integrator, Trajectory, TrajectoryBar
+from ..trajectory import Integrator, Trajectory, TrajectoryBar, joined
 from .generalized_alpha import GeneralizedAlpha
 
 
@@ -52,17 +52,17 @@ class TrapezoidalWitness(Integrator):
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
         stretches: list[Trajectory] = []
         for begin, end, steps in self._stretches():
-            of_stretch = model.at(np.linspace(begin, end, steps + 1))
             method = GeneralizedAlpha(end - begin, steps, 1.0)
+            model = model.at(np.linspace(begin, end, steps + 1))
             try:
-                stretch = method.integrate(of_stretch, y0, v0)
+                stretch = method.integrate(model, y0, v0)
             except SimulationError as error:
-                so_far = self._joined(model, [*stretches, error.trajectory])
+                so_far = self._joined([*stretches, error.trajectory])
                 raise SimulationError(str(error), so_far) from error
             y0, v0 = stretch.y[-1], stretch.v[-1]
             model = model.counting_from(stretch.turns[-1:])
             stretches.append(stretch)
-        return self._joined(model, stretches)
+        return self._joined(stretches)
 
     def _stretches(self) -> Iterator[tuple[float, float, int]]:
         """Begin, end and number of equal steps of each stretch; none goes over a jump."""
@@ -76,30 +76,20 @@ class TrapezoidalWitness(Integrator):
                 begin *= 1.0 + BESIDE_JUMP
             yield begin, end, int(to_cell - from_cell) * self.steps_of_cell
 
-    def _joined(self, model: FlatModel, stretches: list[Trajectory]) -> Trajectory:
+    def _joined(self, stretches: list[Trajectory]) -> Trajectory:
         """One trajectory of all stretches.
 
         The last row of a stretch is the first of the next one, but behind a jump, where
         accelerations differ, the next one has a row of its own.
         """
-        begins = [stretch.t[0] for stretch in stretches[1:]]
-        behind_jumps = {begin for begin in begins if not np.isin(begin, self.cells.ends)}
+        doubled = [int(np.isin(stretch.t[0], self.cells.ends)) for stretch in stretches[1:]]
+        trajectory = joined(stretches, [0, *doubled])
+        model = trajectory.model.at(trajectory.t)
+        return replace(trajectory, model=model, integrator=self)
 
-        def join(name: str) -> Array:
-            rows = [
-                getattr(stretch, name)[0 if i == 0 or stretch.t[0] in behind_jumps else 1 :]
-                for i, stretch in enumerate(stretches)
-            ]
-            return np.concatenate(rows)
-
-        over_time: dict[str, Any] = {name: join(name) for name in OVER_TIME}
-        return Trajectory(
-            **over_time,
-            iterations=np.concatenate([stretch.iterations for stretch in stretches]),
-            beginning=stretches[0].beginning,
-            model=model.at(over_time["t"]),
-            integrator=self,
-        )
+    @property
+    def finer(self) -> TrapezoidalWitness:
+        return replace(self, steps_of_cell=2 * self.steps_of_cell)
 
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> NoReturn:
         raise TypeError("the trapezoidal witness has no adjoint; take GeneralizedAlpha")
