@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Puts fifty faults into a copy of the source, one at a time, and counts how many the tests find.
+"""Puts 49 faults into a copy of the source, one at a time, and counts how many the tests find.
 
     .venv/bin/python tests/faults.py                   # all, half an hour of processor time
     .venv/bin/python tests/faults.py fem dynamics/kin  # those of files whose paths begin so
