@@ -64,7 +64,10 @@ def wide_extension(comm: MPI.Comm) -> VelocityExtension:
         (lambda c: Part(rod(c), strip, spacing=1e-6), "points of a lattice.*a larger spacing"),
         (lambda c: Part(rod(c), strip, resolution=100_000), "points of a lattice.*resolution"),
         (lambda c: Part(rod(c), strip).domain(1e-5), "triangles of 1e-05 m"),
-        (lambda c: Solid(box(c), strip).domain(1e-6), "tetrahedra are more than the 8,000,000"),
+        (
+            lambda c: Solid(box(c), strip).domain(1e-6),
+            "tetrahedra are more than the limit of 8,000,000",
+        ),
         (lambda c: LevelSet(rod(c), spacing=1e-6), "level set: some .* knots.*larger spacing"),
         (lambda c: LevelSet(rod(c), spacing=4e-4), "pairs of points within the radius"),
         (lambda c: LevelSet(rod(c), quadrature=10_000), "pairs of points.*smaller quadrature"),

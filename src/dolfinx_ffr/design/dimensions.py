@@ -26,9 +26,11 @@ from ..fem import (
     Domain,
     Drawing,
     ShapeError,
+    built_on_rank_0,
     closed_outline,
     gathered_nodes,
     gmsh_model,
+    gmsh_options,
     laplace,
     quiet,
     read_outline,
@@ -310,12 +312,8 @@ class DimensionDesign(Variables):
                     outline = self._outline_arguments(x)
                 on_rank_0(comm, lambda: self._check(x))
                 return Domain.from_outline(comm, **outline, size=self._length, order=self._order)
-            with ExitStack() as stack:
-                model = None
-                with on_every_rank(comm, "a geometry of dimensions"):
-                    if comm.rank == 0:
-                        model = self._meshed(stack, x)
-                options: dict[str, Any] = {"interfaces": self._interfaces, "order": self._order}
+            options: dict[str, Any] = {"interfaces": self._interfaces, "order": self._order}
+            with built_on_rank_0(comm, lambda gmsh: self._mesh(gmsh, x)) as model:
                 return Domain.from_gmsh_model(comm, model, **options)
 
     def motion(
@@ -406,7 +404,7 @@ class DimensionDesign(Variables):
     def _check(self, variables: Array, gmsh: Any = None) -> None:
         """Build the geometry, and refuse a topology that differs from the start; on rank 0."""
         if self._topology is None:
-            with gmsh_model("dimensions need") as gmsh_at_start:
+            with gmsh_model() as gmsh_at_start:
                 self._topology = self._built(gmsh_at_start, self._start)
         with ExitStack() as stack:
             topology = self._built(gmsh or stack.enter_context(gmsh_model()), variables)
@@ -418,18 +416,13 @@ class DimensionDesign(Variables):
                 "groups: keep the topology for all values, or narrow the bounds"
             )
 
-    def _meshed(self, stack: ExitStack, variables: Array) -> Any:
-        """Gmsh's model with a mesh, until the stack ends; on rank 0."""
-        gmsh = stack.enter_context(gmsh_model("dimensions need"))
+    def _mesh(self, gmsh: Any, variables: Array) -> None:
+        """Build and mesh the geometry in gmsh's model, on rank 0."""
         self._check(variables, gmsh)
         self._check_count(gmsh.model)
-        largest_size = gmsh.option.getNumber("Mesh.MeshSizeMax")
-        stack.callback(gmsh.option.setNumber, "Mesh.MeshSizeMax", largest_size)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", self._length)
-        with quiet():
+        with gmsh_options(gmsh, {"Mesh.MeshSizeMax": self._length}), quiet():
             gmsh.model.mesh.generate(gmsh.model.getDimension())
         gmsh.model.mesh.renumberNodes()
-        return gmsh.model
 
     def _check_count(self, model: Any) -> None:
         """Refuse more cells than gmsh makes in minutes, as for dimensions in a wrong unit."""
@@ -447,7 +440,7 @@ class DimensionDesign(Variables):
         d, size = x.shape[1], float(np.max(np.ptp(x, axis=0)))
         outer = np.unique(outer_facets(cells[:, : d + 1]))
         rates, is_known = np.zeros((len(x), d, self.size)), np.zeros(len(x), dtype=bool)
-        with gmsh_model("dimensions need") as gmsh:
+        with gmsh_model() as gmsh:
             self._check(variables, gmsh)
             on_geometry = NodesOnGeometry(gmsh.model, x, np.union1d(outer, cells[:, d + 1 :]))
             faces = on_geometry.on_faces(gmsh.model) if d == 3 else None

@@ -46,7 +46,16 @@ from .material import SuppressedVoidMass as SuppressedVoidMass
 from .mesh_checks import connected, floating_cells
 from .nodes import MeshNodes, add_ghosts, gathered_nodes, laplace
 from .outline import closed_outline, read_outline
-from .plane_mesh import LocalSizes, check_size, gmsh_model, mesh_faces, quiet, surfaces
+from .plane_mesh import (
+    LocalSizes,
+    built_on_rank_0,
+    check_size,
+    gmsh_model,
+    gmsh_options,
+    mesh_faces,
+    quiet,
+    surfaces,
+)
 from .polylines import chord_lengths, cross, turns
 from .stress_recovery import StressRecovery
 from .tetrahedra import DESIGNED, SOLID, VOID, GatheredMesh, Tetrahedra, surface_of

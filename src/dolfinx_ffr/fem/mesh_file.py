@@ -128,7 +128,7 @@ def _opened(path: Path, stack: ExitStack) -> Any:
     """A model of gmsh with the mesh of a file; it exists until the stack closes."""
     if not path.is_file():
         raise FileNotFoundError(f"mesh file {path} does not exist")
-    gmsh = stack.enter_context(gmsh_model(f"reading {path} needs"))
+    gmsh = stack.enter_context(gmsh_model())
     copy = stack.enter_context(private_copy(path))
     _try_to_read(copy, path, gmsh.__file__)
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,14 +19,13 @@ from numpy.typing import NDArray
 from .. import validation
 from ..arrays import Array
 from ..limits import MOST_CURVES, MOST_TRIANGLES, check_count
-from ..parallel import on_rank_0
 from .curves import Arc, Curve, Drawn, Line, Spline
 from .drawing import Drawing
 from .dxf_file import read_dxf
 from .interface import Bore, Predicate, checked, whole_edge
 from .loops import DRAWING, closed_outline, samples
 from .mesh_file import GroupedMesh, read_gmsh_model
-from .plane_mesh import cells_along, check_size, gmsh_model, mesh_faces
+from .plane_mesh import built_on_rank_0, cells_along, check_size, mesh_faces
 from .rims import with_rims
 
 #: Units of drawings [m]
@@ -67,31 +65,29 @@ def mesh_outline(
         validation.number("domain: solid_rim", rim, least=DRAWING.thinnest_rim * size, unit="m")
     named = {name: place for name, place in interfaces.items() if isinstance(place, str | Bore)}
     source = f"outline {outline}" if isinstance(outline, str | Path) else "outline"
-    gmsh = None
-    with ExitStack() as stack:
+    messages: list[str] = []
 
-        def build() -> list[str]:
-            nonlocal gmsh
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
-                drawing = _read(source, outline, named, sheet)
-                if len(interfaces) == 1:
-                    _refuse_whole_edge(source, drawing)
-                if rim > 0.0:
-                    drawing = _rimmed(drawing, interfaces, size, rim)
-                sides = _sides(drawing)
-                hint = f", or the right unit= of the drawing, which is {sides} now"
-                check_size(source, drawing, size, largest=MOST_TRIANGLES, hint=hint)
-                _warn_of_coarse_triangles(source, drawing, size)
-            gmsh = stack.enter_context(gmsh_model())
-            # gmsh's file needs a physical group of curves
-            groups = [_group(name) if name else _REST for name in drawing.groups]
-            mesh_faces(gmsh, replace(drawing, groups=groups), size, order=order)
-            return [str(warning.message) for warning in caught]
+    def build(gmsh: Any) -> None:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            drawing = _read(source, outline, named, sheet)
+            if len(interfaces) == 1:
+                _refuse_whole_edge(source, drawing)
+            if rim > 0.0:
+                drawing = _rimmed(drawing, interfaces, size, rim)
+            sides = _sides(drawing)
+            hint = f", or the right unit= of the drawing, which is {sides} now"
+            check_size(source, drawing, size, largest=MOST_TRIANGLES, hint=hint)
+            _warn_of_coarse_triangles(source, drawing, size)
+        messages.extend(str(warning.message) for warning in caught)
+        # gmsh's file needs a physical group of curves
+        groups = [_group(name) if name else _REST for name in drawing.groups]
+        mesh_faces(gmsh, replace(drawing, groups=groups), size, order=order)
 
-        for message in on_rank_0(comm, build):
-            warnings.warn(message, stacklevel=3)
-        read = read_gmsh_model(comm, gmsh.model if gmsh is not None else None)
+    with built_on_rank_0(comm, build) as model:
+        read = read_gmsh_model(comm, model)
+    for message in comm.bcast(messages):
+        warnings.warn(message, stacklevel=3)
     return read, {name: read.facets[_group(name)] for name in named}
 
 

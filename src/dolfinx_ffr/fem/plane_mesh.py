@@ -11,12 +11,14 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count, pairwise
 from typing import Any
+
+from mpi4py import MPI
 
 import numpy as np
 import shapely
@@ -24,6 +26,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array
 from ..limits import MOST_CELLS, MOST_CURVES, check_count
+from ..parallel import on_every_rank
 from .curves import Arc, Curve, CurveError, Line, Spline
 from .drawing import Drawing
 from .polylines import turns
@@ -50,12 +53,12 @@ MESHING = MeshingOptions()
 
 
 @contextmanager
-def gmsh_model(needed: str = "meshes of outlines and parts need") -> Iterator[Any]:
+def gmsh_model() -> Iterator[Any]:
     """Give gmsh with a new model, and leave it as it was."""
     try:
         import gmsh
     except ImportError as error:
-        raise ImportError(f"{needed} gmsh's Python module (Debian: python3-gmsh)") from error
+        raise ImportError("gmsh's Python module is missing (Debian: python3-gmsh)") from error
     with ExitStack() as stack:
         if not _is_running(gmsh):
             # Options in the home directory, or where there is none in that of temporary files, are
@@ -63,12 +66,33 @@ def gmsh_model(needed: str = "meshes of outlines and parts need") -> Iterator[An
             gmsh.initialize(readConfigFiles=False)
             stack.callback(gmsh.finalize)
         stack.callback(gmsh.model.setCurrent, gmsh.model.getCurrent())
-        terminal = gmsh.option.getNumber("General.Terminal")
-        stack.callback(gmsh.option.setNumber, "General.Terminal", terminal)
-        gmsh.option.setNumber("General.Terminal", 0)
+        stack.enter_context(gmsh_options(gmsh, {"General.Terminal": 0}))
         gmsh.model.add(f"dolfinx_ffr {next(_numbers)}")
         stack.callback(gmsh.model.remove)
         yield gmsh
+
+
+@contextmanager
+def gmsh_options(gmsh: Any, options: Mapping[str, float]) -> Iterator[None]:
+    """Set numbers among gmsh's options, and leave them as they were."""
+    with ExitStack() as stack:
+        for name, value in options.items():
+            stack.callback(gmsh.option.setNumber, name, gmsh.option.getNumber(name))
+            gmsh.option.setNumber(name, value)
+        yield
+
+
+@contextmanager
+def built_on_rank_0(comm: MPI.Comm, build: Callable[[Any], None]) -> Iterator[Any]:
+    """Give gmsh's model after ``build``, a function of gmsh, on rank 0, and None on the others."""
+    with ExitStack() as stack:
+        model = None
+        with on_every_rank(comm, "a mesh by gmsh"):
+            if comm.rank == 0:
+                gmsh = stack.enter_context(gmsh_model())
+                build(gmsh)
+                model = gmsh.model
+        yield model
 
 
 def _is_running(gmsh: Any) -> bool:
@@ -358,10 +382,7 @@ def mesh_faces(
         # an error would be thrown within a parallel loop of gmsh, which ends the program
         "General.AbortOnError": 0,
     }
-    with ExitStack() as stack:
-        for name, value in options.items():
-            stack.callback(gmsh.option.setNumber, name, gmsh.option.getNumber(name))
-            gmsh.option.setNumber(name, value)
+    with gmsh_options(gmsh, options):
         with quiet():
             model.mesh.generate(2)
         _refuse_unmeshed(model, drawing, surface_tags, size)

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
 import shapely
 
-from ..fem import Curve, quiet
+from ..fem import Curve, gmsh_options, quiet
 from .export import Sheet, add_solid
 from .options import MESHES
 
@@ -28,11 +27,7 @@ def mesh_solid(
     model.occ.translate(model.occ.getEntities(3), 0.0, 0.0, -0.5 * sheet.thickness())
     model.occ.synchronize()
     options = {"Mesh.MeshSizeMax": size, "Mesh.MeshSizeFromCurvature": MESHES.around}
-    with ExitStack() as stack:
-        for name, value in options.items():
-            stack.callback(gmsh.option.setNumber, name, gmsh.option.getNumber(name))
-            gmsh.option.setNumber(name, value)
-        stack.enter_context(quiet())
+    with gmsh_options(gmsh, options), quiet():
         model.mesh.generate(3)
     volumes = [tag for _, tag in model.getEntities(3)]
     model.setPhysicalName(3, model.addPhysicalGroup(3, volumes), "design")

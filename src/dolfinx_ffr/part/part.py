@@ -13,8 +13,7 @@ recognised, also of straight cells with vertices on a circle; other curved sides
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -35,10 +34,11 @@ from ..fem import (
     Face,
     Line,
     LocalSizes,
+    ShapeError,
+    built_on_rank_0,
     check_size,
     enclosed,
     fit_circle,
-    gmsh_model,
     mesh_faces,
     polygon,
     ring,
@@ -334,21 +334,24 @@ class Part(Verifiable):
             validation.number("part: turn", turn, above=0.0)
         degree = validation.integer("part: order", order, least=1)
         drawing = replace(self.drawing, faces=[*self.drawing.faces, *self.pockets])
-        with gmsh_model() if self.body.comm.rank == 0 else nullcontext() as gmsh:
-            on_rank_0(self.body.comm, lambda: self._mesh(gmsh, drawing, size, degree, across, turn))
-            centers = {
-                name: interface.center.tolist()
-                for name, interface in self.body.interfaces.items()
-                if name not in self.lost_interfaces
-            }
-            return self._read(gmsh, degree, centers)
-
-    def _read(self, gmsh: Any, order: int, centers: Mapping[str, Sequence[float]]) -> Domain:
-        """The mesh in a model of gmsh, which rank 0 has, with interfaces by their centres."""
-        model = None if gmsh is None else gmsh.model
-        return Domain.from_gmsh_model(
-            self.body.comm, model, interfaces=list(centers), order=order, centers=centers
+        centers = {
+            name: interface.center.tolist()
+            for name, interface in self.body.interfaces.items()
+            if name not in self.lost_interfaces
+        }
+        return self._built(
+            lambda gmsh: self._mesh(gmsh, drawing, size, degree, across, turn), centers, degree
         )
+
+    def _built(
+        self, build: Callable[[Any], None], centers: Mapping[str, Sequence[float]], order: int
+    ) -> Domain:
+        """The mesh that rank 0 builds, a function of gmsh, with interfaces by their centres."""
+        comm = self.body.comm
+        with built_on_rank_0(comm, build) as model:
+            return Domain.from_gmsh_model(
+                comm, model, interfaces=list(centers), order=order, centers=centers
+            )
 
     def in_space(self, size: float, order: int = 2) -> Domain:
         """The solid that its STEP file has, by tetrahedra, to verify the plane model by.
@@ -366,10 +369,8 @@ class Part(Verifiable):
         self._material_for("its thickness")
         sheet, names = self._sheet, set(self.body.interfaces) - set(self.lost_interfaces)
         walls = {name: self.interface(name) for name in self.body.interfaces if name in names}
-        with gmsh_model() if self.body.comm.rank == 0 else nullcontext() as gmsh:
-            on_rank_0(self.body.comm, lambda: mesh_solid(gmsh, sheet, walls, size))
-            centers = {name: [*self.body.interfaces[name].center, 0.0] for name in walls}
-            return self._read(gmsh, degree, centers)
+        centers = {name: [*self.body.interfaces[name].center, 0.0] for name in walls}
+        return self._built(lambda gmsh: mesh_solid(gmsh, sheet, walls, size), centers, degree)
 
     def resolved(self, size: float, order: int) -> Domain:
         return self.domain(size, order, turn=MESHES.stressed)
@@ -388,7 +389,7 @@ class Part(Verifiable):
                     gmsh, drawing, factor * size, order=min(degree, 2), local=local, grow=True
                 )
                 return
-            except ValueError:
+            except ShapeError:
                 if factor == MESHES.smaller[-1]:
                     raise
             gmsh.model.remove()
