@@ -66,8 +66,8 @@ def move_boundary(
     steps normal modes are added where they do not suffice. Ctrl-C ends the run after the step at
     hand.
 
-    The result is told by finer meshes. Where these exceed a bound that those of the steps keep, it
-    is tightened by the difference, and four more steps follow, up to three times.
+    Finer meshes evaluate the result. A bound that they exceed is tightened by the difference, and
+    four more steps follow, up to three times.
 
     Args:
         problem: The problem for which the parts were designed.
@@ -125,7 +125,7 @@ def moved(
     geometry = geometry_of(problem)
     for name in names:
         expected = geometry.boundary_type, geometry.type_name
-        validation.instance(f"boundary: that of {name!r}", boundaries[name], *expected)
+        validation.instance(f"boundary of {name!r}", boundaries[name], *expected)
     shares = volume if isinstance(volume, Mapping) else dict.fromkeys(names, volume)
     bounds = {}
     for name, most in shares.items():
@@ -181,7 +181,7 @@ class BoundaryPhase:
         self._materials: dict[str, list[BaseGeometry]] = {}
 
     def result(self, steps_from: MakeSteps) -> BoundaryResult:
-        """The best boundaries of all steps, told by finer meshes; collective."""
+        """The best boundaries of all steps, evaluated on finer meshes; collective."""
         run, more = self._run, self._options.more_steps
         with run.running():
             trials = count(1)
@@ -319,7 +319,7 @@ def _warn_of_missing(
         what = (
             f"psi still changes by {change:.1%} on the finest mesh, whose value is reported"
             if math.isfinite(change)
-            else "psi is that of the mesh of the steps, as no finer one could be made"
+            else "psi belongs to the mesh of the steps, as no finer mesh could be made"
         )
         texts.append(f"{what}: take smaller cells of the body, or a smaller size")
     texts += steps.remarks(trial)
