@@ -280,6 +280,9 @@ def test_forces_on_the_frame_add_up_as_vectors() -> None:
     force = ffr.JointForce(("bearing one", "bearing two"))
     assert force.evaluate(response) == pytest.approx(np.sqrt(2.0) * square_of_spin, rel=1e-8)
     assert force.largest(response) == pytest.approx(2.0 * square_of_spin, rel=1e-8)
+    # at the start, where both bars lie along x, all of it is left
+    start = replace(force, window=(0.0, 0.01)).evaluate(response)
+    assert start == pytest.approx(2.0 * square_of_spin, rel=1e-2)
     assert ffr.JointForce(("bearing two",)).evaluate(response) == pytest.approx(
         square_of_spin, rel=1e-8
     )
