@@ -42,8 +42,8 @@ def main(arguments: list[str] | None = None) -> None:
     if options.kernel not in KERNELS:
         raise ValueError(f"--kernel {options.kernel}: there are {', '.join(KERNELS)}")
     comm, output = options.comm, options.output
-    given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
-    problem = reference_problem(comm, options.elements, domain=given)
+    own_mesh = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
+    problem = reference_problem(comm, options.elements, domain=own_mesh)
     domain = problem.flexible["rod"].domain
     elements, kernel = ffr.paper.GradientElements(share=options.share), KERNELS[options.kernel]
     gradient = ffr.paper.ApproximateGradient(elements, kernel, compare_every=COMPARE_EVERY)
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> None:
     explicit = {"optimizer": ffr.LevelSetEvolution(), "gradient": gradient}
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, levelset, start, **explicit, volume=VOLUME, **options.run)
-        found = result.finish(output)
+        finished = result.finish(output)
     full = result.problem.value(np.ones(domain.n_cells)).psi
     selected = elements.select(domain, levelset.distance(result.coefficients))
     share = domain.sum(selected * 1.0) / domain.n_cells_global
@@ -68,10 +68,10 @@ def main(arguments: list[str] | None = None) -> None:
     ffr.plotting.plot_curves(panels, output / "histories.png", **axis)
     draw(result, output, full=full, volume=VOLUME)
     title = f"{result.psi / full:.1%} of the full rod's compliance"
-    shown = {title: (result.x, selected)}
-    ffr.plotting.plot_gradient_elements(domain, shown, output / "elements.png")
+    selections = {title: (result.x, selected)}
+    ffr.plotting.plot_gradient_elements(domain, selections, output / "elements.png")
     title = "A rod designed by an approximate gradient"  # near to that of the exact one
-    leave(options, result, title, full, found, warnings, most=0.6 * full)
+    leave(options, result, title, full, finished, warnings, most=0.6 * full)
 
 
 if __name__ == "__main__":

@@ -55,8 +55,8 @@ def link(length: float, size: float) -> ffr.DimensionDesign:
         low, top = np.column_stack([x, -y]), np.column_stack([x, y])[::-1]
         return {"outline": [[low, [low[-1], top[0]], top, [top[-1], low[0]]]], "interfaces": ends}
 
-    of = {"size": size, "start": START, "order": 2}
-    return ffr.DimensionDesign(shape, dict.fromkeys(START, RANGE), **of)
+    sized = {"size": size, "start": START, "order": 2}
+    return ffr.DimensionDesign(shape, dict.fromkeys(START, RANGE), **sized)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -64,34 +64,43 @@ def main(arguments: list[str] | None = None) -> None:
     options = parse(arguments, "arm_and_motion", size=0.015, steps=240, iterations=50)
     output, comm, alloy = options.output, options.comm, ffr.PlaneStress(*ALUMINIUM, THICKNESS)
     designs = {name: link(length, options.size) for name, length in LINKS.items()}
-    held = {"frame": ffr.TangentFrame("left"), "modes": 4}
-    bodies = {k: ffr.FlexibleBody(d.domain(comm), alloy, **held) for k, d in designs.items()}
+    reduced = {"frame": ffr.TangentFrame("left"), "modes": 4}
+    bodies = {k: ffr.FlexibleBody(d.domain(comm), alloy, **reduced) for k, d in designs.items()}
     fixed = {n: b.reduce(np.ones(b.domain.n_cells)).integrals for n, b in bodies.items()}
     error = ffr.objective.ResidualVibration("forearm", "right", (MOVE, DURATION), TAU, TIP)
-    parts = PARAMETERS.mechanism(machine), ffr.GeneralizedAlpha(DURATION, options.steps), error
+    times = ffr.GeneralizedAlpha(DURATION, options.steps)
+    machine_terms = PARAMETERS.mechanism(machine), times, error
     total = ffr.Mass("upper arm") + ffr.Mass("forearm") + ffr.Mass("weight")
-    most = sum(body.mass for body in fixed.values()) + 2e-3  # of all designs [kg]
+    mass_of_all = sum(body.mass for body in fixed.values()) + 2e-3  # of all designs [kg]
 
     def designed(
-        bodies: dict, design: object, moves: ffr.Mechanism = parts[0], **more: object
+        bodies: dict,
+        design: object,
+        moves: ffr.Mechanism = machine_terms[0],
+        **options_of_run: object,
     ) -> ffr.Result:
-        bound = ffr.Constraint(total, upper=most, name="mass")
-        problem = ffr.Problem(bodies, moves, *parts[1:], [bound])
-        more |= {"iterations": options.iterations, "mode_tolerance": None}
-        return ffr.optimize(problem, design, **more)
+        bound = ffr.Constraint(total, upper=mass_of_all, name="mass")
+        problem = ffr.Problem(bodies, moves, *machine_terms[1:], [bound])
+        options_of_run |= {"iterations": options.iterations, "mode_tolerance": None}
+        return ffr.optimize(problem, design, **options_of_run)
 
     with ffr.recorded_warnings() as warnings:
         straight, weight = machine(**PARAMETERS.values)  # without parameters
         links = designed({**bodies, **weight}, designs, straight)
         motion = designed(fixed, PARAMETERS)
-        after = designed({n: b.integrals for n, b in links.evaluation.bodies.items()}, PARAMETERS)
+        designed_links = {n: b.integrals for n, b in links.evaluation.bodies.items()}
+        motion_later = designed(designed_links, PARAMETERS)
         best = designed(bodies, {**designs, "machine": PARAMETERS}, output=output)
 
     # %% Pictures and numbers
-    found = {"links": links, "motion": motion, "motion after links": after, "together": best}
-    found, table, swing = {name: result.evaluation for name, result in found.items()}, {}, {}
-    for name, each in {"start": ffr.Problem(fixed, *parts).value({}), **found}.items():
-        moves, table[name] = each.trajectory, 1e3 * float(np.sqrt(each.psi))
+    results = {"links": links, "motion": motion, "motion after links": motion_later}
+    results["together"] = best
+    evaluations = {"start": ffr.Problem(fixed, *machine_terms).value({})}
+    evaluations |= {name: result.evaluation for name, result in results.items()}
+    table, swing = {}, {}
+    for name, evaluation in evaluations.items():
+        table[name] = 1e3 * float(np.sqrt(evaluation.psi))
+        moves = evaluation.trajectory
         off = np.linalg.norm(moves.marker_path("forearm", "right") - np.array(TIP), axis=1)
         swing[name] = moves.t[moves.t >= MOVE], 1e3 * off[moves.t >= MOVE]
     say(", ".join(f"{name}: {value:.4f} mm" for name, value in table.items()))
@@ -100,8 +109,8 @@ def main(arguments: list[str] | None = None) -> None:
     leave_machine(best, output, "An arm and its motion", time=0.2, warnings=warnings, error=table)
 
     # %% Together they miss less than one after the other
-    others = ("motion after links", "motion") if options.complete else ("start",)
-    assert table["together"] < min(table[name] for name in others), table
+    compared = ("motion after links", "motion") if options.complete else ("start",)
+    assert table["together"] < min(table[name] for name in compared), table
 
 
 if __name__ == "__main__":

@@ -74,9 +74,9 @@ def main(arguments: list[str] | None = None) -> None:
     for name, parameters in designs.items():
         problem = ffr.Problem({"arm": ARM}, parameters.mechanism(machine), times, moment)
         run_of = {"optimizer": exact, "iterations": options.iterations, "output": output / name}
-        results[name] = found = ffr.optimize(problem, parameters, **run_of)
+        results[name] = result = ffr.optimize(problem, parameters, **run_of)
         runs.setdefault("nothing", problem.at({"counterweight": 1e-3}).value({}))
-        runs[name] = found.evaluation
+        runs[name] = result.evaluation
     for name, evaluation in runs.items():
         curves[name] = evaluation.trajectory.t, evaluation.trajectory.joint_force("motor")[:, 0]
         parameters = evaluation.mechanism_parameters

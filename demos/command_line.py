@@ -44,15 +44,15 @@ def parse(arguments: list[str] | None, name: str, **defaults: Any) -> argparse.N
         text = HELP.get(option, "gmsh file, its ends 'left' and 'right'" if default == "" else " ")
         parser.add_argument("--" + option.replace("_", "-"), default=default, help=text, **kind)
     options = parser.parse_args(arguments)
-    given = vars(options)
-    if "elements" in given:
+    settings = vars(options)
+    if "elements" in settings:
         options.elements = tuple(options.elements)
-    own_mesh = any(value for option, value in given.items() if "mesh" in option)
-    fine = [fits(given[n], defaults[n]) for n, fits in AS_FINE.items() if n in defaults]
-    options.complete = not own_mesh and all(np.all(each) for each in fine)
+    own_mesh = any(value for option, value in settings.items() if "mesh" in option)
+    fine = [fits(settings[n], defaults[n]) for n, fits in AS_FINE.items() if n in defaults]
+    options.complete = not own_mesh and all(np.all(entry) for entry in fine)
     options.comm = MPI.COMM_WORLD
     of_run = ("iterations", "boundary", "resume", "output")
-    options.run = {name: given[name] for name in of_run if name in given}
+    options.run = {name: settings[name] for name in of_run if name in settings}
     return options
 
 
@@ -64,11 +64,13 @@ def say(*words: object, sep: str = " ") -> None:
 
 def bars(options: argparse.Namespace, sizes: Mapping[str, Any]) -> dict[str, ffr.Domain]:
     """Bars of lengths and heights [m] with equal elements, or gmsh files that take their places."""
-    comm, first, domains = MPI.COMM_WORLD, next(iter(sizes.values()))[0], {}
+    comm, domains = MPI.COMM_WORLD, {}
+    first_length = next(iter(sizes.values()))[0]
     for name, (length, height) in sizes.items():
         file = getattr(options, f"{name}_mesh", "")
-        size = max(6, round(options.elements[0] * length / first)), options.elements[1]
-        built = None if file else ffr.Domain.rectangle(comm, length, height, elements=size)
+        along = max(6, round(options.elements[0] * length / first_length))
+        elements = along, options.elements[1]
+        built = None if file else ffr.Domain.rectangle(comm, length, height, elements=elements)
         domains[name] = built or ffr.Domain.from_gmsh(comm, file)
     return domains
 
@@ -90,10 +92,10 @@ def draw(
     options ``view`` are for `plot_scene`. Without ``full`` psi is an error of a path.
     """
     for name, x in result.densities.items():
-        alone = len(result.densities) == 1
+        single = len(result.densities) == 1
         domain, file = result.problem.flexible[name].domain, name.replace(" ", "_")
-        share, file = result.evaluation.psi / (full or 1.0), "design" if alone else file
-        title = f"{share:.1%} of the full {name}'s psi with " if alone and full else f"{name}: "
+        share, file = result.evaluation.psi / (full or 1.0), "design" if single else file
+        title = f"{share:.1%} of the full {name}'s psi with " if single and full else f"{name}: "
         title = f"{title}{result.evaluation.volume[name]:.0%} of its material"
         ffr.write_density(domain, x, output / f"{file}.xdmf")
         ffr.plotting.plot_design(domain, {title: x}, output / f"{file}.png")
@@ -138,14 +140,14 @@ def leave(
     output, bodies, share = options.output, result.problem.flexible, result.psi / full
     ratio = found.psi / full if found else share
     flat = found and all(body.domain.dimension == 2 for body in bodies.values())
-    of = {"references": references or {"full": full}, "verification": found, "warnings": warnings}
+    reported = {"references": references or {"full": full}, "verification": found}
     parts = {name: result.part(name) for name in bodies} if flat else None
     summary = {
         "compliance_initial": float(result.history["psi"][0]),
         "compliance_final": result.psi,
         "compliance_final_relative": share,
         **numbers,
-        **ffr.run_record(result, title=title, parts=parts, **of),
+        **ffr.run_record(result, title=title, parts=parts, warnings=warnings, **reported),
         **({"compliance_part_relative": found.psi / full} if found else {}),
         "elements": {name: body.domain.n_cells_global for name, body in bodies.items()},
     }

@@ -48,14 +48,14 @@ def main(arguments: list[str] | None = None) -> None:
     with ffr.recorded_warnings() as warnings:
         start = levelset.with_holes(8, 2, 0.007)  # an even gray ends 1 % softer
         result = ffr.optimize(problem, levelset, start, volume=VOLUME, **options.run)
-        found = result.finish(output)
+        finished = result.finish(output)
     # a design may need more modes than the full rod, and is compared with the same ones
     solid = result.problem.value(np.ones(domain.n_cells))
 
     # %% Numbers and pictures of the part
     draw(result, output, full=solid.psi, volume=VOLUME)
-    last, evaluation = result.final
-    rod, full_rod = last.flexible["rod"], result.problem.flexible["rod"]
+    final_problem, evaluation = result.final
+    rod, full_rod = final_problem.flexible["rod"], result.problem.flexible["rod"]
     worst, full = ffr.worst_stress(rod, evaluation, "rod"), ffr.worst_stress(full_rod, solid, "rod")
     ffr.write_fields(rod.domain, {"von_mises": worst.stress}, output / "stress.xdmf")
     # without steps of the boundary these are the elements of the design
@@ -68,8 +68,9 @@ def main(arguments: list[str] | None = None) -> None:
         ffr.plotting.plot_stress(body.domain, stress, output / f"stress_{name}.png", title=title)
     ffr.plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
     say(f"largest stress {worst.largest:.3e} Pa, that of the full rod {full.largest:.3e} Pa")
-    of = {"stress_solid": full.largest, "stress_final": worst.largest, "most": 0.55 * solid.psi}
-    leave(options, result, "A rod with two bearings", solid.psi, found, warnings, **of)
+    stresses = {"stress_solid": full.largest, "stress_final": worst.largest}
+    title, most = "A rod with two bearings", 0.55 * solid.psi
+    leave(options, result, title, solid.psi, finished, warnings, most=most, **stresses)
 
 
 if __name__ == "__main__":

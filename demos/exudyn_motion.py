@@ -22,9 +22,9 @@ def hold(mbs: Any, body: dict[str, Any], node: int, axes: list[int]) -> None:
     import exudyn.itemInterface as items
 
     ground = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.AddObject(items.ObjectGround())))
-    one = {"meshNodeNumbers": [node], "weightingFactors": [1.0]}
-    held = items.MarkerSuperElementPosition(bodyNumber=body["oFFRFreducedOrder"], **one)
-    ends = [ground, mbs.AddMarker(held)]
+    single_node = {"meshNodeNumbers": [node], "weightingFactors": [1.0]}
+    marker = items.MarkerSuperElementPosition(bodyNumber=body["oFFRFreducedOrder"], **single_node)
+    ends = [ground, mbs.AddMarker(marker)]
     mbs.AddObject(items.ObjectJointSpherical(markerNumbers=ends, constrainedAxes=axes))
 
 
@@ -33,9 +33,9 @@ def elastic_coordinates(mbs: Any, body: dict[str, Any], end: float, steps: int) 
     import exudyn
     import exudyn.itemInterface as items
 
-    kept = {"storeInternal": True, "writeToFile": False, "nodeNumber": body["nGenericODE2"]}
+    recorded = {"storeInternal": True, "writeToFile": False, "nodeNumber": body["nGenericODE2"]}
     coordinates = exudyn.OutputVariableType.Coordinates
-    sensor = mbs.AddSensor(items.SensorNode(outputVariableType=coordinates, **kept))
+    sensor = mbs.AddSensor(items.SensorNode(outputVariableType=coordinates, **recorded))
     mbs.Assemble()
     settings = exudyn.SimulationSettings()
     time = settings.timeIntegration

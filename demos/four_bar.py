@@ -84,15 +84,15 @@ def main(arguments: list[str] | None = None) -> None:
     even = {k: np.where(d.design_cells, VOLUME, 1.0) for k, d in domains.items()}
     slope = problem.gradient(even).gradient
     mirrors = {name: ffr.mirror_lines(domain, slope[name]) for name, domain in domains.items()}
-    designs = {name: ffr.LevelSet(domains[name], mirrors=own) for name, own in mirrors.items()}
+    designs = {name: ffr.LevelSet(domains[name], mirrors=lines) for name, lines in mirrors.items()}
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, designs, volume=VOLUME, **options.run)
-        found = result.finish(output)
+        finished = result.finish(output)
 
     # %% Numbers and pictures
     draw(result, output, full=2.0, volume=VOLUME, time=0.35 * DURATION)
     # Finished parts have six tenths of the full links' compliance
-    leave(options, result, "A four-bar linkage", 2.0, found, warnings, most=2.0 * 0.6)
+    leave(options, result, "A four-bar linkage", 2.0, finished, warnings, most=2.0 * 0.6)
 
 
 if __name__ == "__main__":

@@ -67,21 +67,21 @@ def main(arguments: list[str] | None = None) -> None:
     design = ffr.LevelSet(domain, web=WEB, mirrors=mirrors, **sizes)
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, design, **options.run)
-        found = result.finish(options.output)
+        finished = result.finish(options.output)
     # a mesh that fits pockets covers all of the rod
-    last = result.final[0]
-    full = last.value(np.ones(last.flexible["rod"].domain.n_cells)).psi
+    final_problem = result.final[0]
+    full = final_problem.value(np.ones(final_problem.flexible["rod"].domain.n_cells)).psi
     draw(result, options.output, full=full)
 
     # %% Two thicknesses in plane stress beside the solid
     part = result.part()
     solid = part.in_space(options.tetrahedra)
-    in_space = problem_in_space(solid, last.integrator)
-    apart = in_space.value(np.ones(solid.n_cells)).psi / result.psi - 1.0
-    say(f"psi of {solid.n_cells_global} tetrahedra in space is {100 * apart:+.2f} % of the plane's")
-    assert abs(apart) < 0.005, "the plane model is not that of the solid"
-    numbers = {"apart_in_space": apart, "most": 0.425 * full}
-    leave(options, result, "A milled rod", full, found, warnings, **numbers)
+    in_space = problem_in_space(solid, final_problem.integrator)
+    difference = in_space.value(np.ones(solid.n_cells)).psi / result.psi - 1.0
+    say(f"psi of {solid.n_cells_global} tetrahedra is {100 * difference:+.2f} % of the plane's")
+    assert abs(difference) < 0.005, "the plane model is not that of the solid"
+    numbers = {"apart_in_space": difference, "most": 0.425 * full}
+    leave(options, result, "A milled rod", full, finished, warnings, **numbers)
 
 
 if __name__ == "__main__":

@@ -82,20 +82,20 @@ def main(arguments: list[str] | None = None) -> None:
         "CalculiX": ffr.reduction.reduce_matrices(matrices, interfaces=ends, **chord),
     }
     pin = ffr.Revolute(("link", "left"), ffr.Ground((0.0, 0.0, 0.0)), name="pin")
-    held = {"gravity": (0.0, -9.81, 0.0), "damping": {"link": ffr.RayleighDamping(beta=1e-4)}}
-    swing = ffr.Mechanism({"link": ffr.Placement((0.0, 0.0, 0.0))}, [pin], **held)
+    conditions = {"gravity": (0.0, -9.81, 0.0), "damping": {"link": ffr.RayleighDamping(beta=1e-4)}}
+    swing = ffr.Mechanism({"link": ffr.Placement((0.0, 0.0, 0.0))}, [pin], **conditions)
     problem = ffr.MechanicalProblem(swing, TIMES, ffr.IntegralCompliance())
-    found = {name: problem.value({"link": body}) for name, body in bodies.items()}
+    evaluations = {name: problem.value({"link": body}) for name, body in bodies.items()}
     a, b = (np.sqrt(np.diag(body.K)[-6:]) for body in bodies.values())  # circular frequencies
-    apart = np.max(np.abs(b / a - 1.0))
-    share = abs(found["CalculiX"].psi / found["mesh"].psi - 1.0)
-    say(f"fixed-interface frequencies differ by {apart:.1e}, psi by {share:.1e}")
-    tip = {n: e.trajectory.marker_path("link", "right") for n, e in found.items()}
-    heights = {n: (found[n].trajectory.t, path[:, 1]) for n, path in tip.items()}
+    difference = np.max(np.abs(b / a - 1.0))
+    share = abs(evaluations["CalculiX"].psi / evaluations["mesh"].psi - 1.0)
+    say(f"fixed-interface frequencies differ by {difference:.1e}, psi by {share:.1e}")
+    tip = {n: e.trajectory.marker_path("link", "right") for n, e in evaluations.items()}
+    heights = {n: (evaluations[n].trajectory.t, path[:, 1]) for n, path in tip.items()}
     ffr.plotting.plot_curves({"height [m]": heights}, output / "tip.png", xlabel="time [s]")
 
     # %% The same matrices, the same body
-    assert apart < 1e-8 and share < 1e-6, f"the bodies differ: {apart:.1e}, {share:.1e}"
+    assert difference < 1e-8 and share < 1e-6, f"the bodies differ: {difference:.1e}, {share:.1e}"
 
 
 if __name__ == "__main__":

@@ -77,19 +77,23 @@ def main(arguments: list[str] | None = None) -> None:
     """Design the linkage without and with bounds, and leave numbers and pictures."""
     options = parse(arguments, "path_of_a_four_bar", steps=300, iterations=80)
     output, times = options.output, ffr.GeneralizedAlpha(TURN, options.steps)
-    known = ffr.simulate(*machine(**KNOWN), times)
-    line = CubicSpline(known.t, known.marker_path("coupler", "tool"))
+    reference = ffr.simulate(*machine(**KNOWN), times)
+    line = CubicSpline(reference.t, reference.marker_path("coupler", "tool"))
     path = tuple(lambda t, k=k: line(t)[:, k] for k in range(2))
     error, force = ffr.PathTracking("coupler", "tool", path), ffr.JointForce
-    of = {n: force(n, peak=True, power=8.0) for n in BOUNDS} | {"motor": force("motor")}
-    limits = [ffr.Constraint(of[n], upper=most, name=n) for n, most in BOUNDS.items()]
-    results, curves = {}, {"asked for": tuple(1e3 * line(known.t).T)}
-    for name, each in (("free", ()), ("bounded", limits)):
-        problem = ffr.Problem({}, PARAMETERS.mechanism(machine), times, error, each)
-        one = ffr.optimize(problem, PARAMETERS, iterations=options.iterations, output=output / name)
-        tool = one.evaluation.trajectory.marker_path("coupler", "tool")
-        results[name], curves[name] = one, tuple(1e3 * tool.T)
-    off = {name: 1e3 * float(np.sqrt(found.psi / TURN)) for name, found in results.items()}
+    forces = {n: force(n, peak=True, power=8.0) for n in BOUNDS} | {"motor": force("motor")}
+    limits = [ffr.Constraint(forces[n], upper=largest, name=n) for n, largest in BOUNDS.items()]
+    results, curves = {}, {"asked for": tuple(1e3 * line(reference.t).T)}
+    for name, constraints in (("free", ()), ("bounded", limits)):
+        problem = ffr.Problem({}, PARAMETERS.mechanism(machine), times, error, constraints)
+        designed = ffr.optimize(
+            problem, PARAMETERS, iterations=options.iterations, output=output / name
+        )
+        tool = designed.evaluation.trajectory.marker_path("coupler", "tool")
+        results[name], curves[name] = designed, tuple(1e3 * tool.T)
+    off = {
+        name: 1e3 * float(np.sqrt(evaluation.psi / TURN)) for name, evaluation in results.items()
+    }
     best, panels = results["bounded"], {"path of the tool, y [mm]": curves}
     reached = {c.name: best.evaluation.constraints[c.name].value for c in limits}
     say(f"off the path [mm]: {off}", f"forces [N, N, N m]: {reached}", best.parameters, sep="\n")

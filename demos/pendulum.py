@@ -60,23 +60,25 @@ def main(arguments: list[str] | None = None) -> None:
     evaluation = problem.value(np.ones(problem.flexible["bar"].domain.n_cells))
     motion = evaluation.trajectory
     path = motion.marker_path("bar", "right")
-    at = np.searchsorted(motion.t, np.array(list(FULL_MODEL)) - 1e-9)
+    instants = np.searchsorted(motion.t, np.array(list(FULL_MODEL)) - 1e-9)
     full = np.array(list(FULL_MODEL.values()))
-    apart = np.linalg.norm(path[at] - full, axis=1) / LENGTH
-    say(f"from full nonlinear finite elements the tip is at most {apart.max():.1e} lengths away")
+    distance = np.linalg.norm(path[instants] - full, axis=1) / LENGTH
+    say(f"from full nonlinear finite elements the tip is at most {distance.max():.1e} lengths away")
 
     # %% Pictures and numbers
     curves = {
         "height of the tip [m]": {"": (motion.t, path[:, 1])},
-        "distance from the full model, at four instants / length": {"": (motion.t[at], apart)},
+        "distance from the full model, at four instants / length": {
+            "": (motion.t[instants], distance)
+        },
     }
     ffr.plotting.plot_curves(curves, output / "tip.png", xlabel="time [s]")
     ffr.plotting.plot_scene(problem, evaluation, output / "scene.png")
     ffr.plotting.animate_motion(problem, evaluation, output / "motion.gif")
-    ffr.write_summary(comm, output / "summary.json", {"differences": apart.tolist()})
+    ffr.write_summary(comm, output / "summary.json", {"differences": distance.tolist()})
 
     # %% Large rotations are exact, and the deformation is small
-    assert apart.max() < 1e-3, f"floating frame and full model part: {apart}"
+    assert distance.max() < 1e-3, f"floating frame and full model part: {distance}"
 
 
 if __name__ == "__main__":

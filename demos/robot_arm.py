@@ -32,8 +32,8 @@ BOUND, MODES = 0.5, 6  # share of the design, of each link
 
 
 # %% The motors, and where they take the tip of a rigid arm
-ways = zip(PICK, PLACE, strict=True)  # from rest to rest
-SHOULDER, ELBOW = (a + ffr.Motion.smooth_step(b - a, MOVE, BEGIN) for a, b in ways)
+travels = zip(PICK, PLACE, strict=True)  # from rest to rest
+SHOULDER, ELBOW = (a + ffr.Motion.smooth_step(b - a, MOVE, BEGIN) for a, b in travels)
 PATH = tuple(
     lambda t, f=f: UPPER * f(SHOULDER.value(t)) + FORE * f(SHOULDER.value(t) + ELBOW.value(t))
     for f in (np.cos, np.sin)
@@ -43,17 +43,20 @@ PATH = tuple(
 # %% The scene
 def mechanism(shoulder: ffr.Motion, elbow: ffr.Motion) -> ffr.Mechanism:
     """The arm with its motors and its payload, at rest under gravity."""
-    upper, fore, at = ("upper arm", "left"), ("forearm", "left"), ("upper arm", "right")
+    upper, fore, end = ("upper arm", "left"), ("forearm", "left"), ("upper arm", "right")
     bent = ffr.Placement((UPPER * np.cos(PICK[0]), UPPER * np.sin(PICK[0])), sum(PICK))
     return ffr.Mechanism(
         {"upper arm": ffr.Placement((0.0, 0.0), PICK[0]), "forearm": bent},
         joints=[
             ffr.Revolute(upper, ffr.Ground(), name="shoulder"),
             ffr.PrescribedAngle(upper, shoulder, name="shoulder motor"),
-            ffr.Revolute(fore, at, name="elbow"),
-            ffr.PrescribedAngle(fore, elbow, at, name="elbow motor"),
+            ffr.Revolute(fore, end, name="elbow"),
+            ffr.PrescribedAngle(fore, elbow, end, name="elbow motor"),
         ],
-        point_masses=[ffr.PointMass(("forearm", "right"), PAYLOAD), ffr.PointMass(at, ELBOW_MOTOR)],
+        point_masses=[
+            ffr.PointMass(("forearm", "right"), PAYLOAD),
+            ffr.PointMass(end, ELBOW_MOTOR),
+        ],
         gravity=(0.0, -GRAVITY),
         start=ffr.StaticEquilibrium(),
     )
@@ -81,7 +84,7 @@ def main(arguments: list[str] | None = None) -> None:
     designs = {k: ffr.LevelSet(d, minimum_member=0.95 * d.cell_size) for k, d in domains.items()}
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, designs, volume=1.0, **options.run)
-        found = result.finish(output)
+        finished = result.finish(output)
 
     # %% Pictures and numbers
     *even, error = (1e3 * np.sqrt(e.psi / DURATION) for e in (*sheets.values(), result))  # [mm]
@@ -92,7 +95,7 @@ def main(arguments: list[str] | None = None) -> None:
     draw(result, output, time=0.35)
     numbers = {"error_even": even[SHEETS.index(BOUND)], "error_design": error, "curves": curves}
     numbers["most"] = 0.64 * sheets[BOUND].psi
-    leave(options, result, "A robot arm", full, found, warnings, **numbers)
+    leave(options, result, "A robot arm", full, finished, warnings, **numbers)
 
 
 if __name__ == "__main__":

@@ -40,8 +40,8 @@ def by_exudyn(path: Path, steps: int) -> np.ndarray:
     import exudyn.itemInterface as items
 
     start = {"positionRef": [CRANK, 0.0, 0.0], "stiffnessProportionalDamping": DAMPED.beta}
-    mbs, made = body_from(path, **start)
-    hold(mbs, made, 4, [0, 1, 1])  # the slider, the first node of the second marker
+    mbs, created = body_from(path, **start)
+    hold(mbs, created, 4, [0, 1, 1])  # the slider, the first node of the second marker
     origin = mbs.AddNode(items.NodePointGround())
     fixed = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=origin, coordinate=0))
 
@@ -50,7 +50,7 @@ def by_exudyn(path: Path, steps: int) -> np.ndarray:
         return place - CRANK, 1j * TURN.velocity(t) * place
 
     for axis, along in enumerate((1.0, -1.0j, 0.0)):  # Re(along z) is x, y or 0 of a complex z
-        node = {"nodeNumber": made["nRigidBody"], "coordinate": axis}
+        node = {"nodeNumber": created["nRigidBody"], "coordinate": axis}
         ends = [fixed, mbs.AddMarker(items.MarkerNodeCoordinate(**node))]
         shift, speed = (
             lambda mbs, t, item, offset, k=k, along=along: float((along * pin(t)[k]).real)
@@ -58,7 +58,7 @@ def by_exudyn(path: Path, steps: int) -> np.ndarray:
         )
         offsets = {"offsetUserFunction": shift, "offsetUserFunction_t": speed}
         mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=ends, **offsets))
-    return elastic_coordinates(mbs, made, MOVED, steps)
+    return elastic_coordinates(mbs, created, MOVED, steps)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -72,27 +72,34 @@ def main(arguments: list[str] | None = None) -> None:
     times = ffr.GeneralizedAlpha(DESIGNED, 400)
     problem = ffr.Problem({"rod": body}, one_turn(DESIGNED), times, ffr.IntegralCompliance())
     result = ffr.optimize(problem, ffr.LevelSet(domain), volume=0.6, **options.run)
-    found = result.verify(modes=3)
-    found.export(output / "rod.SID_FEM")
-    found.export(output / "rod.npz", format="exudyn")
+    verification = result.verify(modes=3)
+    verification.export(output / "rod.SID_FEM")
+    verification.export(output / "rod.npz", format="exudyn")
     comm.Barrier()
-    rod, radau = {"rod": found.bodies["rod"][1].integrals}, ffr.RadauIIA(MOVED, steps=10 * ROWS)
+    rod, radau = (
+        {"rod": verification.bodies["rod"][1].integrals},
+        ffr.RadauIIA(MOVED, steps=10 * ROWS),
+    )
     motion = ffr.simulate(one_turn(MOVED), rod, radau)
     ours = motion.elastic("rod")[:: 10 * motion.integrator.stages]
     coarse, fine = (by_exudyn(output / "rod.npz", n * ROWS)[::n] for n in (25, 50))
     theirs = fine + (fine - coarse) / 3.0
     largest = np.max(np.abs(ours))
-    apart = np.max(np.abs(theirs - ours)) / largest
-    say(f"elastic coordinates up to {1e3 * largest:.3g} mm differ by {apart:.1e} of it")
+    difference = np.max(np.abs(theirs - ours)) / largest
+    say(f"elastic coordinates up to {1e3 * largest:.3g} mm differ by {difference:.1e} of it")
 
     # %% Pictures and numbers
-    t, both = np.linspace(0.0, MOVED, ROWS + 1), {"here": ours, "Exudyn": theirs}
-    curves = {f"coordinate {k + 1}": {n: (t, q[:, k]) for n, q in both.items()} for k in (0, 3)}
+    t, histories = np.linspace(0.0, MOVED, ROWS + 1), {"here": ours, "Exudyn": theirs}
+    curves = {
+        f"coordinate {k + 1}": {n: (t, q[:, k]) for n, q in histories.items()} for k in (0, 3)
+    }
     ffr.plotting.plot_curves(curves, output / "coordinates.png", xlabel="time [s]")
-    ffr.write_summary(comm, output / "summary.json", {"difference": apart, "psi": found.psi})
+    ffr.write_summary(
+        comm, output / "summary.json", {"difference": difference, "psi": verification.psi}
+    )
 
     # %% One file, one motion
-    assert apart < 1e-6, f"the motions differ by {apart:.1e}"
+    assert difference < 1e-6, f"the motions differ by {difference:.1e}"
 
 
 if __name__ == "__main__":

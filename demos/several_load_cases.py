@@ -59,30 +59,32 @@ def main(arguments: list[str] | None = None) -> None:
     defaults = {"elements": (120, 12), "iterations": 60, "steps": None, "resume": False}
     options = parse(arguments, "several_load_cases", **defaults, boundary=None)
     comm, output = MPI.COMM_WORLD, options.output
-    every = six_load_cases(comm, options.elements, options.steps)
-    domain = every.flexible["rod"].domain
-    full = every.value(np.ones(domain.n_cells)).load_cases
-    alone = dict(zip(full, (share for pair in ALONE.values() for share in pair), strict=True))
-    weights = {name: 1.0 / (alone[name] * case.psi) for name, case in full.items()}
-    problem = ffr.Problem.of_load_cases(every.bodies, every.load_cases, ffr.WorstCase(weights))
+    problem_of_all = six_load_cases(comm, options.elements, options.steps)
+    domain = problem_of_all.flexible["rod"].domain
+    full = problem_of_all.value(np.ones(domain.n_cells)).load_cases
+    share_alone = dict(zip(full, (share for pair in ALONE.values() for share in pair), strict=True))
+    weights = {name: 1.0 / (share_alone[name] * case.psi) for name, case in full.items()}
+    problem = ffr.Problem.of_load_cases(
+        problem_of_all.bodies, problem_of_all.load_cases, ffr.WorstCase(weights)
+    )
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, ffr.LevelSet(domain), volume=VOLUME, **options.run)
-        found = result.finish(output)
+        finished = result.finish(output)
     ratios = {m: e.psi * weights[m] for m, e in result.final[1].load_cases.items()}
     listed = ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
     say("psi of the part over that of designs on elements for each load case alone:", listed)
 
     # %% Numbers and pictures
-    how = {"psi_unit": "", "volume_bound": VOLUME, "comm": comm}
-    ffr.plotting.plot_history(result.history, output / "history.png", **how)
+    drawn = {"psi_unit": "", "volume_bound": VOLUME, "comm": comm}
+    ffr.plotting.plot_history(result.history, output / "history.png", **drawn)
     for speed in ("slow", "fast"):
         own = (each.alone(f"{speed}, heavy") for each in result.final)
         ffr.plotting.plot_scene(*own, output / f"scene_{speed}.png")
     own = (each.alone("fast, light") for each in result.final)
     ffr.plotting.animate_motion(*own, output / "motion.gif")
     numbers = {"psi_over_best": ratios, "psi_full": {m: e.psi for m, e in full.items()}}
-    worst, numbers["most"] = max(1.0 / share for share in alone.values()), MARK
-    leave(options, result, "One rod for six load cases", worst, found, warnings, **numbers)
+    worst, numbers["most"] = max(1.0 / share for share in share_alone.values()), MARK
+    leave(options, result, "One rod for six load cases", worst, finished, warnings, **numbers)
 
 
 if __name__ == "__main__":

@@ -100,9 +100,11 @@ def main(arguments: list[str] | None = None) -> None:
     defaults |= {"mesh": "", "boundary": None, "resume": False, "bare": False, "densities": False}
     options = parse(arguments, "slider_crank", **defaults)
     comm, output, start = MPI.COMM_WORLD, options.output, perf_counter()
-    given = ffr.Domain.from_gmsh(comm, options.mesh, order=options.order) if options.mesh else None
-    of = {"order": options.order, "steps": options.steps}
-    problem = reference_problem(comm, options.elements, domain=given, **of)
+    own_mesh = (
+        ffr.Domain.from_gmsh(comm, options.mesh, order=options.order) if options.mesh else None
+    )
+    settings = {"order": options.order, "steps": options.steps}
+    problem = reference_problem(comm, options.elements, domain=own_mesh, **settings)
     domain = problem.flexible["rod"].domain
     simple = simple_designs(domain)
     compliance: dict[str, float] = {}
@@ -118,14 +120,14 @@ def main(arguments: list[str] | None = None) -> None:
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, design, volume=VOLUME, **options.run)
         # the part: files for CAD, pictures, and psi on meshes that fit it
-        found = result.verify() if options.bare else result.finish(output)
+        checked = result.verify() if options.bare else result.finish(output)
     # a design may need more modes than the full rod, and is compared with the same ones
-    last, evaluation = result.final
-    rod = last.flexible["rod"]
+    final_problem, evaluation = result.final
+    rod = final_problem.flexible["rod"]
     solid = result.problem.with_modes({"rod": rod.modes}).value(simple["solid"]).psi
-    if options.bare and found:
+    if options.bare and checked:
         files = result.part().write(output)
-        return say(f"psi is {found.psi / solid:.3f} of the full rod's", found, *files, sep="\n")
+        return say(f"psi is {checked.psi / solid:.3f} of the full rod's", checked, *files, sep="\n")
 
     # %% Numbers and pictures
     draw(result, output, full=solid, volume=VOLUME)
@@ -133,7 +135,9 @@ def main(arguments: list[str] | None = None) -> None:
     numbers: dict[str, Any] = {f"compliance_{name}": psi for name, psi in compliance.items()}
     numbers |= {"steps": problem.integrator.steps, "seconds_total": perf_counter() - start}
     numbers |= {"references": compliance, "most": (0.55 if options.densities else 0.49) * solid}
-    leave(options, result, "The flexible rod of a slider-crank", solid, found, warnings, **numbers)
+    leave(
+        options, result, "The flexible rod of a slider-crank", solid, checked, warnings, **numbers
+    )
 
 
 if __name__ == "__main__":

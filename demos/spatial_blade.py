@@ -39,12 +39,12 @@ def blade_problem(
     """The blade on its hub, with ``elements`` along, across and over the thickness."""
     box = ffr.Domain.box(comm, *BLADE, elements=elements, order=2)
     ends = {"root": box.interfaces["left"].facets, "tip": box.interfaces["right"].facets}
-    held = {"frame": ffr.TangentFrame("root"), "stiffening": ["rotation"] if stiffening else []}
+    settings = {"frame": ffr.TangentFrame("root"), "stiffening": ["rotation"] if stiffening else []}
     domain = ffr.Domain(box.mesh, ends, box.solid_cells, order=2)
-    blade = ffr.FlexibleBody(domain, PLASTIC, modes=MODES, **held)
-    still = ffr.Motion.constant(0.0)
+    blade = ffr.FlexibleBody(domain, PLASTIC, modes=MODES, **settings)
+    fixed = ffr.Motion.constant(0.0)
     turn = ffr.Motion.smooth_step(2 * np.pi * TURNS, DURATION, name="hub")
-    hub = ffr.Moving(still, still, turn, z=still, axis=(0, 0, 1), name="hub")
+    hub = ffr.Moving(fixed, fixed, turn, z=fixed, axis=(0, 0, 1), name="hub")
     c, s, a, b = np.cos(TILT), np.sin(TILT), np.cos(PITCH), np.sin(PITCH)
     tilted = [[c, -s * b, -s * a], [0, a, -b], [s, c * b, c * a]]
     mechanism = ffr.Mechanism(
@@ -68,14 +68,14 @@ def main(arguments: list[str] | None = None) -> None:
     say(f"the tip of the full blade bends by {1e3 * bent:.2f} mm")
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, ffr.DensityDesign(domain), volume=VOLUME, **options.run)
-        found = result.finish(output, most=3)
+        finished = result.finish(output, most=3)
     full, enclosed = result.problem.value(np.ones(domain.n_cells)).psi, result.part()
 
     # %% Numbers and pictures
     draw(result, output, full=full, color="energy")
     numbers = {"bending": bent, "solid_mass": enclosed.mass, "solid_pieces": enclosed.pieces}
     # A finished design of half of the material is stiffer than the full blade, which pulls more
-    leave(options, result, "A blade on a hub", full, found, warnings, **numbers, most=0.8 * full)
+    leave(options, result, "A blade on a hub", full, finished, warnings, **numbers, most=0.8 * full)
 
 
 if __name__ == "__main__":

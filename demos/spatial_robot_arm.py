@@ -54,19 +54,22 @@ def arm(comm: MPI.Comm, elements: tuple[int, int, int], steps: int) -> ffr.Probl
     for name, size in (("upper arm", UPPER), ("forearm", FORE)):
         box = ffr.Domain.box(comm, *size, elements=elements)
         links[name] = ffr.FlexibleBody(box, PLASTIC, frame=frame, modes=MODES)
-    still, across = ffr.Motion.constant(0.0), {"axis": (0, 1, 0)}
-    column = ffr.Moving(still, still, TURNED, z=still, name="column")
-    upper, fore, at = ("upper arm", "left"), ("forearm", "left"), ("upper arm", "right")
+    fixed, across = ffr.Motion.constant(0.0), {"axis": (0, 1, 0)}
+    column = ffr.Moving(fixed, fixed, TURNED, z=fixed, name="column")
+    upper, fore, end = ("upper arm", "left"), ("forearm", "left"), ("upper arm", "right")
     bent = ffr.Placement((UPPER[0], 0, 0), rotation=(0, ELBOW, 0))
     mechanism = ffr.Mechanism(
         placements={"upper arm": ffr.Placement((0, 0, 0)), "forearm": bent},
         joints=[
             ffr.Revolute(upper, column, **across, name="shoulder"),
             ffr.PrescribedAngle(upper, SHOULDER, column, **across, name="shoulder motor"),
-            ffr.Revolute(fore, at, **across, name="elbow"),
-            ffr.PrescribedAngle(fore, BENT, at, **across, name="elbow motor"),
+            ffr.Revolute(fore, end, **across, name="elbow"),
+            ffr.PrescribedAngle(fore, BENT, end, **across, name="elbow motor"),
         ],
-        point_masses=[ffr.PointMass(("forearm", "right"), PAYLOAD), ffr.PointMass(at, ELBOW_MOTOR)],
+        point_masses=[
+            ffr.PointMass(("forearm", "right"), PAYLOAD),
+            ffr.PointMass(end, ELBOW_MOTOR),
+        ],
         gravity=(0, 0, -GRAVITY),
         start=ffr.StaticEquilibrium(),
     )
@@ -80,17 +83,17 @@ def main(arguments: list[str] | None = None) -> None:
     options = parse(arguments, "spatial_robot_arm", elements=(40, 6, 4), steps=STEPS, iterations=60)
     problem = arm(MPI.COMM_WORLD, options.elements, options.steps)
     designs = {name: ffr.LevelSet(body.domain) for name, body in problem.flexible.items()}
-    full = problem.value({name: np.ones(own.domain.n_cells) for name, own in designs.items()})
+    full = problem.value({name: np.ones(design.domain.n_cells) for name, design in designs.items()})
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, designs, volume=VOLUME, **options.run)
-        found = result.finish(options.output, most=3)
+        finished = result.finish(options.output, most=3)
     numbers = {"error_full": np.sqrt(full.psi / DURATION)}  # of the hand [m]
     numbers["error_design"] = np.sqrt(result.psi / DURATION)
     say(", ".join(f"{name}: {1e3 * value:.2f} mm" for name, value in numbers.items()))
 
     # %% Numbers and pictures
     draw(result, options.output, volume=VOLUME)
-    leave(options, result, "A robot arm in space", full.psi, found, warnings, **numbers)
+    leave(options, result, "A robot arm in space", full.psi, finished, warnings, **numbers)
 
     # %% The hand of full links is where that of a rigid arm is
     path = full.trajectory.marker_path("forearm", "right")

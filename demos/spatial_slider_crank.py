@@ -77,15 +77,15 @@ def main(arguments: list[str] | None = None) -> None:
     defaults = {"elements": (80, 8, 8), "steps": STEPS, "iterations": 60, "boundary": 0}
     options = parse(arguments, "spatial_slider_crank", **defaults, mesh="", resume=False)
     comm, output = MPI.COMM_WORLD, options.output
-    given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
-    problem = spatial_problem(comm, options.elements, domain=given, steps=options.steps)
+    own_mesh = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
+    problem = spatial_problem(comm, options.elements, domain=own_mesh, steps=options.steps)
     domain = problem.flexible["rod"].domain
     # with three points in each direction 69,120 elements had 190 million pairs of points and knots
     quadrature = 2 if domain.n_cells_global > 20_000 else None
     design = ffr.LevelSet(domain, quadrature=quadrature)
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, design, volume=VOLUME, **options.run)
-        found = result.finish(output)
+        finished = result.finish(output)
     # a design may need more modes than the full rod, and is compared with the same ones
     full = result.problem.value(np.ones(domain.n_cells))
 
@@ -94,12 +94,12 @@ def main(arguments: list[str] | None = None) -> None:
     stress = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod")
     ffr.plotting.plot_stress(domain, stress, output / "stress.png")
     title = "The flexible rod of a slider-crank in space"
-    leave(options, result, title, full.psi, found, warnings)
+    leave(options, result, title, full.psi, finished, warnings)
 
     # %% The slider of the full rod is where that of a rigid one is
     rigid = [[slider_of(angle), 0.0, 0.0] for angle in ANGLE.tabulate(full.trajectory.t)[0]]
-    apart = float(np.abs(full.trajectory.marker_path("rod", "right") - rigid).max())
-    assert apart < 1e-3 * ROD, f"the slider is {apart} m from where it should be"
+    deviation = float(np.abs(full.trajectory.marker_path("rod", "right") - rigid).max())
+    assert deviation < 1e-3 * ROD, f"the slider is {deviation} m from where it should be"
 
 
 if __name__ == "__main__":

@@ -24,11 +24,11 @@ TOP = Path(__file__).resolve().parents[1]
 TABLE = """
 body/moments.py | np.outer(scale, scale))[0] | np.outer(scale, scale))[1] | body
 body/volume_integrals.py | range(weights.ndim - 1) | range(weights.ndim) | dynamics/test_stiffened_markers.py
-boundary/curve.py | np.tile(0.5 * share | np.tile(share | boundary/test_curve.py
-boundary/derivative.py | 0.5 * bar[self._middles] | bar[self._middles] | boundary/test_move_boundary.py
-boundary/sizes.py | by_a -= 3.0 * | by_a -= 2.0 * | boundary/test_move_boundary.py
-boundary/step.py | ways = ways - stiff @ | ways = ways + stiff @ | boundary/test_step.py
-boundary/surface.py | kron(lines[0], lines[1]) | kron(lines[0], lines[0]) | boundary/test_surface.py
+boundary/curve.py | np.tile(0.5 * weights | np.tile(weights | boundary/test_curve.py
+boundary/derivative.py | 0.5 * node_gradient[self._middles] | node_gradient[self._middles] | boundary/test_move_boundary.py
+boundary/sizes.py | by_slope -= 3.0 * | by_slope -= 2.0 * | boundary/test_move_boundary.py
+boundary/step.py | solved = self._solved - self | solved = self._solved + self | boundary/test_step.py
+boundary/splines.py | kron(kron(x, y), z) | kron(kron(x, x), z) | boundary/test_surface.py
 design/densities.py | 1.0 - np.tanh(self.beta * (means | 1.0 + np.tanh(self.beta * (means | design/test_density_filter.py
 design/dimensions.py | ends[0][k] - ends[1][k] | ends[0][k] - center[k] | design/test_dimensions.py
 design/level_set.py | OPTIONS.weight * ramp * late | OPTIONS.weight * late | design/test_level_set.py optimization/test_mma.py

@@ -41,20 +41,20 @@ class ConnectingRod:
 
     def __post_init__(self) -> None:
         """Check the dimensions."""
-        given = (self.length, *self.bores, *self.eyes, *self.rings, *self.shank, self.fillet)
-        if not all(math.isfinite(number) and number > 0.0 for number in given):
+        dimensions = (self.length, *self.bores, *self.eyes, *self.rings, *self.shank, self.fillet)
+        if not all(math.isfinite(number) and number > 0.0 for number in dimensions):
             raise ValueError(f"connecting rod: {self} needs positive dimensions")
         pairs = self.bores, self.eyes, self.rings, self.shank
         for bore, eye, ring, half in zip(*pairs, strict=True):
             if not bore + ring < eye:
-                what = f"a bore of {bore} m and its ring of {ring} m do not fit into the eye"
-                raise ValueError(f"connecting rod: {what} of {eye} m")
+                problem = f"a bore of {bore} m and its ring of {ring} m do not fit into the eye"
+                raise ValueError(f"connecting rod: {problem} of {eye} m")
             if not half < eye:
-                what = f"the shank's half height {half} m must be smaller than the eye's radius"
-                raise ValueError(f"connecting rod: {what} {eye} m")
+                problem = f"the shank's half height {half} m must be smaller than the eye's radius"
+                raise ValueError(f"connecting rod: {problem} {eye} m")
         if not self._fillet(0)[2][0] < self._fillet(1)[2][0]:
-            what = f"fillets of {self.fillet} m overlap on a shank of {self.length} m"
-            raise ValueError(f"connecting rod: {what}")
+            problem = f"fillets of {self.fillet} m overlap on a shank of {self.length} m"
+            raise ValueError(f"connecting rod: {problem}")
 
     def _fillet(self, side: int) -> tuple[Point, Point, Point]:
         """Centre, point on the eye and point on the flank of an upper fillet, touched by it."""
@@ -66,8 +66,8 @@ class ConnectingRod:
         # centre = (0, h0) + f n + s t, at the distance eye + f from the eye's centre
         ax, ay = f * nx - x0, h0 + f * ny
         along = ax * tx + ay * ty
-        rest = ax**2 + ay**2 - (self.eyes[side] + f) ** 2
-        s = -along + (1 if side == 0 else -1) * math.sqrt(along**2 - rest)
+        discriminant = ax**2 + ay**2 - (self.eyes[side] + f) ** 2
+        s = -along + (1 if side == 0 else -1) * math.sqrt(along**2 - discriminant)
         center = (ax + x0 + s * tx, ay + s * ty)
         share = self.eyes[side] / (self.eyes[side] + f)
         on_eye = (x0 + share * (center[0] - x0), share * center[1])
@@ -82,11 +82,11 @@ class ConnectingRod:
         ``order`` of the geometry is 1 or 2; a refinement cuts each triangle into four.
         """
         if not 0.0 < size <= self.bores[1]:
-            most = f"positive and not above the smaller bore's radius {self.bores[1]} m"
-            raise ValueError(f"connecting rod: size = {size} m must be {most}")
+            bound = f"positive and not above the smaller bore's radius {self.bores[1]} m"
+            raise ValueError(f"connecting rod: size = {size} m must be {bound}")
         if order not in (1, 2) or not 0.0 < near_bores <= 1.0:
-            told = f"order = {order} must be 1 or 2, and near_bores = {near_bores}"
-            raise ValueError(f"connecting rod: {told} between 0 and 1")
+            orders = f"order = {order} must be 1 or 2, and near_bores = {near_bores}"
+            raise ValueError(f"connecting rod: {orders} between 0 and 1")
         gmsh.model.add("connecting rod")
         occ = gmsh.model.occ
         centers, bores, loops, rings = [(0.0, 0.0), (self.length, 0.0)], [], [], []
@@ -98,8 +98,8 @@ class ConnectingRod:
         design = occ.addPlaneSurface([occ.addCurveLoop(self._outline(centers)), *loops])
         occ.synchronize()
         groups = {"left": (1, bores[:1]), "right": (1, bores[1:])}
-        for group, (dim, of) in (groups | {"design": (2, [design]), "solid": (2, rings)}).items():
-            gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, of), group)
+        for group, (dim, tags) in (groups | {"design": (2, [design]), "solid": (2, rings)}).items():
+            gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), group)
         self._set_size(centers, size, near_bores)
         gmsh.model.mesh.generate(2)
         for _ in range(refinements):
@@ -178,9 +178,9 @@ def main(arguments: list[str] | None = None) -> None:
         pair = isinstance(default, tuple)
         kind: dict[str, Any] = {"nargs": 2, "type": float} if pair else {"type": type(default)}
         parser.add_argument(f"--{name.replace('_', '-')}", default=default, help=" ", **kind)
-    given = vars(parser.parse_args(arguments))
-    rod = ConnectingRod(**{name: given[name] for name in shape})
-    print(f"wrote {rod.write(given['output'], **{name: given[name] for name in sizes})}")
+    dimensions = vars(parser.parse_args(arguments))
+    rod = ConnectingRod(**{name: dimensions[name] for name in shape})
+    print(f"wrote {rod.write(dimensions['output'], **{name: dimensions[name] for name in sizes})}")
 
 
 if __name__ == "__main__":

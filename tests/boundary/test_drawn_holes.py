@@ -44,7 +44,7 @@ def test_a_drawn_hole_that_is_smaller_than_five_squares_of_the_member_stays() ->
 
 def test_curves_do_not_enter_a_rim_into_which_they_are_moved() -> None:
     first = Boundary.of(part(0.012), MEMBER)
-    moved = first.moved(np.full(first.n_controls, -0.4 * MEMBER))
+    moved = first.moved(np.full(first.n_offsets, -0.4 * MEMBER))
     assert moved.valid and moved.material.area < first.material.area
     assert outline_violations(moved.part, MEMBER, MEMBER) == []
 
@@ -67,7 +67,7 @@ def test_a_surface_keeps_the_rim_of_a_bore(tmp_path: Path) -> None:
     solid = ffr.Solid(body, lambda x: 0.08 - np.abs(x[:, 1]))
     surface = Surface.of(solid, member)
     assert outline_violations(surface.drawn, member, member) == []
-    thinner = surface.moved(np.full(surface.n_controls, -0.01))
+    thinner = surface.moved(np.full(surface.n_offsets, -0.01))
     assert thinner.part.volume < surface.part.volume
     assert outline_violations(thinner.drawn, member, member) == []
     (missing,) = outline_violations(Surface.of(solid, member, rim=0.0).drawn, member, member)

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.sparse import csc_matrix, csr_matrix, diags
 
 from dolfinx_ffr.boundary.curve import FreeCurve
-from dolfinx_ffr.boundary.spread import _spread
+from dolfinx_ffr.boundary.spread import _evened
 from dolfinx_ffr.boundary.step import best_step, curvature, secants
 
 
@@ -115,5 +115,5 @@ def test_steps_that_know_the_curvature_go_along_a_narrow_valley() -> None:
 def test_controls_of_a_curve_become_even_and_its_area_stays() -> None:
     angle = 2.0 * np.pi * np.arange(40) / 40
     uneven = angle + 0.02 * np.where(np.arange(40) % 2, -1.0, 1.0)
-    even = _spread(FreeCurve(np.column_stack([np.cos(uneven), np.sin(uneven)])))
+    even = _evened(FreeCurve(np.column_stack([np.cos(uneven), np.sin(uneven)])))
     assert np.diff(np.unwrap(np.arctan2(*even.control.T[::-1]))) == pytest.approx(0.157, abs=1e-3)

@@ -64,7 +64,7 @@ def surface(
 
 def waves(found: Surface) -> np.ndarray:
     """A motion that leaves no two points alike, up to 1 [1]."""
-    return np.sin(1.0 + 0.7 * np.arange(found.n_controls) ** 1.1)
+    return np.sin(1.0 + 0.7 * np.arange(found.n_offsets) ** 1.1)
 
 
 @pytest.mark.slow
@@ -90,7 +90,7 @@ def test_points_follow_the_field() -> None:
     assert np.any(faces)
     missed = []
     for step in (2e-4, 1e-4):
-        moved = x - (points.rows @ (step * offsets))[:, None] * points.ways
+        moved = x - (points.rows @ (step * offsets))[:, None] * points.motions
         np.testing.assert_allclose(moved[:, 1:][faces], x[:, 1:][faces], atol=0.02 * step)
         missed.append(np.max(np.abs(solid_surface.shifted(step * offsets).field(moved))))
     assert missed[0] < 0.2 * 2e-4
@@ -111,7 +111,7 @@ def test_derivative_of_psi_is_that_of_the_mesh_that_moves(comm: MPI.Comm) -> Non
         x = cut.points.copy()
         if comm.rank == 0:
             number = cKDTree(x).query(solid_surface.part.points[points.numbers])[1]
-            x[number] -= (points.rows @ (side * offsets))[:, None] * points.ways
+            x[number] -= (points.rows @ (side * offsets))[:, None] * points.motions
         moved = replace(cut, points=x).domain(comm, ["left", "right"], centers, 2)
         again = problem.with_bodies({"beam": problem.flexible["beam"].with_domain(moved)})
         values.append([np.log(again.value(np.ones(moved.n_cells)).psi), moved.area])
@@ -138,7 +138,7 @@ def test_walls(place: float) -> None:
     rows = solid_surface.rows(solid_surface.walls)
     thick = 0.014 if place == 0.0 else 0.02 - place + 0.007
     assert np.median(solid_surface.walls.thickness) == pytest.approx(thick, rel=0.01)
-    outwards = 1e-4 * np.ones(solid_surface.n_controls)
+    outwards = 1e-4 * np.ones(solid_surface.n_offsets)
     beside = [solid_surface.shifted(side * outwards) for side in (1.0, -1.0)]
     mean = [np.median(other.walls.thickness) for other in beside]
     expected = -np.median(rows.least * (rows.slopes @ outwards))
@@ -202,7 +202,7 @@ def test_windows_that_end_in_points_are_blunted() -> None:
         lens = (np.abs(x[:, 1]) + 0.3 * np.abs(x[:, 0] - 0.08) - 0.01) / np.hypot(1.0, 0.3)
         return np.where(x[:, 2] > 0.0, np.minimum(hollow, lens), hollow)
 
-    computed = surface(beam(MPI.COMM_SELF), pointed, options=options)._as(pointed)
+    computed = surface(beam(MPI.COMM_SELF), pointed, options=options)._with_values_of(pointed)
     grid = np.arange(-80, 81) * 5e-4
     face = np.stack(np.meshgrid(0.08 + grid, grid, [0.02], indexing="ij"), axis=-1)
 
@@ -271,7 +271,7 @@ def test_short_waves_become_smaller_as_a_surface_moves(length: float, left: floa
     solid_surface = surface(beam(MPI.COMM_SELF), wavy)
     x = np.column_stack([np.linspace(0.05, 0.11, 200), np.zeros((200, 2))])
     heights = [
-        s.field(x) for s in (solid_surface, solid_surface.moved(np.zeros(solid_surface.n_controls)))
+        s.field(x) for s in (solid_surface, solid_surface.moved(np.zeros(solid_surface.n_offsets)))
     ]
     before, after = (np.cos(wave * x[:, 0]) @ (z - z.mean()) for z in heights)
     assert after == pytest.approx(left * before, rel=0.05)
@@ -286,8 +286,8 @@ def test_a_bar_at_an_edge_is_as_thick_as_the_ball_amid_it() -> None:
         return np.where(np.abs(x[:, 0] - 0.08) < 0.04, bar, 0.02)
 
     solid_surface = surface(beam(MPI.COMM_SELF), quarter)
-    assert solid_surface._sides is not None
-    walls = solid_surface._sides.walls(
+    assert solid_surface.sides is not None
+    walls = solid_surface.sides.walls(
         solid_surface.field, solid_surface._slopes, 1.2 * MEMBER, 1.5 * MEMBER
     )
     amid = np.abs(walls.middles[:, 0] - 0.08) < 0.03
@@ -305,14 +305,14 @@ def test_windows_are_where_they_pay_and_walls_go_on_around_them() -> None:
     cells = np.random.default_rng(1).uniform(*corners, (40_000, 3))
     places = np.array([[0.06, 0.0, 0.0], [0.1, 0.003, 0.0], [0.032, 0.0, 0.0]])
     changes = np.where(cKDTree(places).query(cells)[0] < 0.004, -1e-4, 1e-4)
-    (opened, count), (fewer, one) = solid_surface.pierced(cells, changes)
+    (opened, count), (fewer, one) = solid_surface.with_windows(cells, changes)
     assert (count, one) == (2, 1)
     np.testing.assert_array_equal(solid_surface.field(places) > 0.0, [True] * 3)
     np.testing.assert_array_equal(opened.field(places) > 0.0, [False, False, True])
     assert np.count_nonzero(fewer.field(places[:2]) < 0.0) == 1
     assert opened.walls.least > 0.999 * solid_surface.member
     assert opened.part.volume < fewer.part.volume < solid_surface.part.volume
-    assert not list(solid_surface.pierced(cells, np.abs(changes)))
+    assert not list(solid_surface.with_windows(cells, np.abs(changes)))
 
 
 def test_balls_that_touch_a_surface() -> None:

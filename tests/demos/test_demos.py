@@ -158,7 +158,7 @@ def test_short_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 #: Demos, settings for which they take seconds, and pictures that they leave
-MILLED = ["--elements", "40", "8", "--steps", "30"]
+MILLED = ["--elements", "40", "8", "--steps", "60"]
 SCENES = {
     "four_bar": (
         ["--elements", "24", "4", "--steps", "200", "--iterations", "4"],

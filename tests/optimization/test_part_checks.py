@@ -15,12 +15,12 @@ import shapely
 from shared.problems import slider_crank
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.boundary import free_ends
 from dolfinx_ffr.fem import CurveError, ShapeError
 from dolfinx_ffr.limits import LimitError
 from dolfinx_ffr.optimization import moved_parts
 from dolfinx_ffr.optimization.part_checks import part_violations
 from dolfinx_ffr.optimization.trial_failed import TrialFailed, shaping
+from dolfinx_ffr.part import free_ends
 
 LENGTH, BORE = 0.15, 0.009
 

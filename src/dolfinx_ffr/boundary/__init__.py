@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The boundary of a part as its design: curves that move, what they must keep, the best step."""
+"""The boundary of a part as its design: curves that move, their constraints, the best step."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ from .geometry import BoundaryGeometry as BoundaryGeometry
 from .geometry import PlaneGeometry as PlaneGeometry
 from .geometry import SpatialGeometry as SpatialGeometry
 from .geometry import StrutShares as StrutShares
-from .options import CURVES as CURVES
-from .options import BoundaryOptions as BoundaryOptions
-from .options import SurfaceOptions as SurfaceOptions
+from .options import PLANE_STEPS as PLANE_STEPS
+from .options import StepOptions as StepOptions
 from .outline import Boundary as Boundary
 from .sizes import Rows as Rows
 from .slide import slides as slides
-from .spurs import free_ends as free_ends
 from .step import best_step as best_step
 from .step import curvature as curvature
 from .step import secants as secants

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, ClassVar, Generic, TypeVar
 
 from mpi4py import MPI
@@ -18,17 +19,18 @@ from ..fem import CurveError, Domain, ShapeError
 from ..part import Solid
 from ..reduction import Struts
 from .derivative import CurveMotion, NodeMotion
-from .options import CURVES, IN_SPACE, BoundaryOptions
+from .holes import HolePair, joined, struts_between_holes, with_strut
+from .options import CURVES, PLANE_STEPS, SPACE_STEPS, StepOptions
 from .outline import Boundary
 from .sizes import Rows, control_position_rows, radius_rows, size_rows
 from .spread import spread
 from .step import best_step
-from .struts import missing
+from .struts import missing_strut
 from .surface import Surface, SurfaceMotion
 
 B = TypeVar("B", Boundary, Surface)
 #: Share of psi that the strut between two curves carries
-StrutShares = dict[tuple[int, int], float]
+StrutShares = dict[HolePair, float]
 
 
 class BoundaryGeometry(ABC, Generic[B]):
@@ -36,17 +38,17 @@ class BoundaryGeometry(ABC, Generic[B]):
 
     boundary_type: ClassVar[type]
     type_name: ClassVar[str]  #: What users are asked for
-    options: ClassVar[BoundaryOptions]  #: Numbers of the steps
+    steps: ClassVar[StepOptions]
     finer_meshes: ClassVar[int]  #: Most finer meshes on which the result is evaluated
     mesh_tolerance: ClassVar[float]  #: Change of psi from one of them to the next that ends them
 
     @abstractmethod
     def mesh(self, boundary: B, size: float, turn: float) -> Domain:
-        """A mesh of a size [m], and in notches of ``turn`` radii, that fits."""
+        """A mesh of cells of a ``size`` [m], and of ``turn`` radii in notches, that fits."""
 
     @abstractmethod
     def motion(self, boundary: B, domain: Domain) -> NodeMotion[Any]:
-        """The motion of the nodes of that mesh with the controls of the boundary."""
+        """The motion of the nodes of that mesh with the boundary."""
 
     def agreed(self, boundary: B, comm: MPI.Comm) -> B:
         """The boundary of rank 0, from which others may differ by round-off."""
@@ -58,23 +60,15 @@ class BoundaryGeometry(ABC, Generic[B]):
 
     def radii(self, boundary: B) -> Rows:
         """Constraints on radii of curvature."""
-        return Rows.none(boundary.n_controls)
+        return Rows.none(boundary.n_offsets)
 
     def position_rows(self, boundary: B, reach: float) -> Rows:
         """Constraints on the positions of controls after a step of at most ``reach`` [m]."""
-        return Rows.none(boundary.n_controls)
+        return Rows.none(boundary.n_offsets)
 
     @abstractmethod
-    def size(self, boundary: B, given: float | None) -> float:
-        """The ``given`` size of cells [m], or one that is fine enough for psi and members."""
-
-    def worse(self, merit: float, before: float, best: float) -> bool:
-        """Whether a step to a merit is taken back, by the merits before it and of the best trial.
-
-        Another mesh alone may change the merit, and the changes of several steps add up.
-        """
-        noise = self.options.mesh_noise
-        return merit > before + noise or (noise > 0.0 and merit > best + noise)
+    def cell_size(self, boundary: B, user_size: float | None) -> float:
+        """The size of cells [m] of a user, by default one fine enough for psi and members."""
 
     def with_minimum_sizes(self, boundary: B, tolerance: float) -> B:
         """The boundary with the sizes enlarged that a step has left too small.
@@ -83,15 +77,12 @@ class BoundaryGeometry(ABC, Generic[B]):
         """
         return boundary
 
-    def normal_displacement(self, before: B, after: B) -> Array:
-        """Offsets of all orbits from one boundary to the next, (orbits,), in minimum members.
-
-        Empty if they are not known.
-        """
-        return np.zeros(0)
+    @abstractmethod
+    def offsets_between(self, before: B, after: B) -> Array:
+        """Offsets from one boundary to another one, (offsets,) [m]."""
 
     def finer(self, boundary: B) -> B:
-        """The boundary for the finer mesh of a result; ValueError if that is too fine."""
+        """The boundary for the finer mesh of a result; a ShapeError if that is too fine."""
         return boundary
 
     def with_drawn_sizes(self, boundary: B) -> B:
@@ -119,17 +110,16 @@ class PlaneGeometry(BoundaryGeometry[Boundary]):
     """Curves in the plane, on meshes of triangles."""
 
     boundary_type, type_name = Boundary, "a Boundary"
-    options = CURVES
+    steps = PLANE_STEPS
     finer_meshes, mesh_tolerance = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
         if not boundary.valid:
             raise CurveError("boundary: curves cross, or leave the body")
-        options = boundary.options
-        across = options.triangle_across
+        across = CURVES.triangle_across
         if turn == math.inf:
-            across *= options.coarser
-            size = max(size, min(options.coarser * size, _size_of_enough(boundary)))
+            across *= CURVES.coarser
+            size = max(size, min(CURVES.coarser * size, _size_of_enough(boundary)))
         return boundary.part.domain(size, across=across, turn=turn)
 
     def agreed(self, boundary: Boundary, comm: MPI.Comm) -> Boundary:
@@ -147,63 +137,58 @@ class PlaneGeometry(BoundaryGeometry[Boundary]):
     def position_rows(self, boundary: Boundary, reach: float) -> Rows:
         return control_position_rows(boundary, reach)
 
-    def size(self, boundary: Boundary, given: float | None) -> float:
-        if given is not None:
-            return given
-        return min(boundary.options.triangle * boundary.member, _size_of_enough(boundary))
+    def cell_size(self, boundary: Boundary, user_size: float | None) -> float:
+        if user_size is not None:
+            return user_size
+        return min(CURVES.triangle * boundary.member, _size_of_enough(boundary))
 
     def with_minimum_sizes(self, boundary: Boundary, tolerance: float) -> Boundary:
-        boundary, options = spread(boundary), boundary.options
-        reach, member, expansion = options.longest, boundary.member, boundary.expansion
+        boundary, member, reach = spread(boundary), boundary.member, self.steps.longest
         first_area = _area(boundary)[0]
+        metric = boundary.metric(self.steps.smooth * member)
+        no_gradient, fixed = np.zeros(boundary.n_offsets), boundary.fixed_offsets
 
-        metric = (expansion.T @ boundary.metric(options.smooth * member) @ expansion).tocsc()
-        no_gradient = np.zeros(expansion.shape[1])
-        fixed = expansion.T @ boundary.fixed > 0
-
-        for _ in range(options.mending):
-            rows = [self.sizes(boundary), self.radii(boundary)]
-            violation = max(size_rows.size_violation for size_rows in rows)
+        for _ in range(CURVES.mending):
+            constraints = [self.sizes(boundary), self.radii(boundary)]
+            violation = max(rows.size_violation for rows in constraints)
             area, area_slopes = _area(boundary)
             added_area = area - first_area
-            if violation <= tolerance and added_area <= options.material * member**2:
+            if violation <= tolerance and added_area <= CURVES.added_area * member**2:
                 break
-            rows.append(self.position_rows(boundary, 1.5 * reach * member))
+            constraints.append(self.position_rows(boundary, 1.5 * reach * member))
 
             # a member that becomes wider takes no more material: one more row, of length one
-            area_row = member * (area_slopes @ expansion)
+            area_row = member * area_slopes
             length = max(float(np.linalg.norm(area_row)), 1e-300)
-            by_orbits = [member * (block.slopes @ expansion) for block in rows]
-            slopes = np.vstack([*by_orbits, area_row / length])
-            values = np.concatenate([*(block.values for block in rows), [added_area / length]])
+            size_slopes = [member * rows.slopes for rows in constraints]
+            slopes = np.vstack([*size_slopes, area_row / length])
+            size_values = [rows.values for rows in constraints]
+            values = np.concatenate([*size_values, [added_area / length]])
 
-            step = best_step(metric, no_gradient, values, slopes, fixed, reach, None, options)
-            boundary = boundary.moved(member * (expansion @ step.offsets))
+            step = best_step(metric, no_gradient, values, slopes, fixed, reach, None, self.steps)
+            boundary = boundary.moved(member * step.offsets)
         return boundary
 
-    def normal_displacement(self, before: Boundary, after: Boundary) -> Array:
-        first, last = (
+    def offsets_between(self, before: Boundary, after: Boundary) -> Array:
+        controls = [
             np.vstack([curve.control for curve in boundary.free.values()])
             for boundary in (before, after)
-        )
-        offsets = np.einsum("kd,kd->k", last - first, before.normals)
-        expansion = before.expansion
-        controls_of_orbit = expansion.sum(axis=0).A1
-        return np.asarray(expansion.T @ offsets / controls_of_orbit / before.member)
+        ]
+        motion = controls[1] - controls[0]
+        return before.mean_of_orbits(np.einsum("kd,kd->k", motion, before.normals))
 
     def with_insertions(self, boundary: Boundary, struts: Struts) -> Iterator[tuple[Boundary, int]]:
-        for ends in missing(boundary, struts):
-            try:
-                yield boundary.with_strut(ends), 1
-            except ShapeError:
-                continue
+        ends = missing_strut(boundary, struts)
+        if ends is not None:
+            with suppress(ShapeError):
+                yield with_strut(boundary, ends), 1
 
     def strut_shares(self, boundary: Boundary, struts: Struts) -> StrutShares:
         domain = struts.domain
         x, y = domain.everywhere(domain.centroids)[:, :2].T
         carried = domain.everywhere(struts.carried)
         strut_shares = StrutShares()
-        for pair, strut in boundary.struts():
+        for pair, strut in struts_between_holes(boundary):
             shapely.prepare(strut)
             strut_shares[pair] = float(np.sum(carried[shapely.contains_xy(strut, x, y)]))
         return strut_shares
@@ -211,37 +196,35 @@ class PlaneGeometry(BoundaryGeometry[Boundary]):
     def without_idle_struts(
         self, boundary: Boundary, shares: StrutShares
     ) -> Iterator[tuple[Boundary, int]]:
-        holes, options = set(boundary.holes), boundary.options
-        idle = [
-            pair
-            for pair, share in shares.items()
-            if share < options.idle and holes.issuperset(pair)
+        holes = set(boundary.holes)
+        idle_pairs = [
+            pair for pair, share in shares.items() if share < CURVES.idle and holes.issuperset(pair)
         ]
-        idle.sort(key=lambda pair: shares[pair])
-        for pair in idle[: options.idle_tried]:
+        idle_pairs.sort(key=lambda pair: shares[pair])
+        for pair in idle_pairs[: CURVES.idle_tried]:
             try:
-                joined = boundary.joined(pair)
+                without_strut = joined(boundary, pair)
             except ShapeError:
                 continue
-            yield joined, max(len(holes) - len(joined.holes), 1)
+            yield without_strut, max(len(holes) - len(without_strut.holes), 1)
 
 
 def _area(boundary: Boundary) -> tuple[float, Array]:
-    """The area within free curves but for a constant [m^2], and its slopes by offsets [m]."""
+    """The area within free curves but for a constant [m^2], and its slopes by the offsets [m]."""
     areas, slopes = zip(*(curve.area for curve in boundary.free.values()), strict=True)
-    return sum(areas), np.concatenate(slopes)
+    return sum(areas), np.concatenate(slopes) @ boundary.expansion
 
 
 def _size_of_enough(boundary: Boundary) -> float:
     """The size of triangles of which there are just enough [m]."""
-    return math.sqrt(4.0 / math.sqrt(3.0) * boundary.material.area / boundary.options.triangles)
+    return math.sqrt(4.0 / math.sqrt(3.0) * boundary.material.area / CURVES.triangles)
 
 
 class SpatialGeometry(BoundaryGeometry[Surface]):
     """Zero surfaces of fields in space, on tetrahedra that are cut."""
 
     boundary_type, type_name = Surface, "a Surface"
-    options = IN_SPACE
+    steps = SPACE_STEPS
     finer_meshes, mesh_tolerance = 2, Solid.tolerance
 
     def mesh(self, boundary: Surface, size: float, turn: float) -> Domain:
@@ -253,11 +236,11 @@ class SpatialGeometry(BoundaryGeometry[Surface]):
     def sizes(self, boundary: Surface) -> Rows:
         return boundary.rows(boundary.walls)
 
-    def size(self, boundary: Surface, given: float | None) -> float:
+    def cell_size(self, boundary: Surface, user_size: float | None) -> float:
         return boundary.size
 
-    def normal_displacement(self, before: Surface, after: Surface) -> Array:
-        return before.offsets_to(after) / before.member
+    def offsets_between(self, before: Surface, after: Surface) -> Array:
+        return before.offsets_to(after)
 
     def with_drawn_sizes(self, boundary: Surface) -> Surface:
         return boundary.with_drawn_sizes()
@@ -267,7 +250,8 @@ class SpatialGeometry(BoundaryGeometry[Surface]):
 
     def with_insertions(self, boundary: Surface, struts: Struts) -> Iterator[tuple[Surface, int]]:
         everywhere = struts.domain.everywhere
-        yield from boundary.pierced(everywhere(struts.domain.centroids), everywhere(struts.removed))
+        centroids, changes = everywhere(struts.domain.centroids), everywhere(struts.removed)
+        yield from boundary.with_windows(centroids, changes)
 
     def remarks(self, boundary: Surface) -> list[str]:
         return list(boundary.drawn.warnings)

@@ -15,14 +15,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, csr_matrix, vstack
-from scipy.spatial import cKDTree
 
 from .. import validation
 from ..arrays import Array, Integers, Mask
@@ -35,14 +33,13 @@ from ..fem import (
     Face,
     FlatHole,
     ShapeError,
-    connected,
     polygon,
     ring,
 )
 from ..part import Part, PartWarning
-from .curve import FreeCurve, kept
-from .options import CURVES, BoundaryOptions
-from .sides import Loops, Run, Side, sides_of
+from .curve import FreeCurve, confined
+from .options import CURVES
+from .sides import Loop, Loops, Run, Side, sides_of
 from .symmetry import fitted
 
 
@@ -52,19 +49,21 @@ class Samples:
 
     points: Array  #: (points, 2) [m]
     normals: Array  #: (points, 2) out of the material
-    rows: csr_matrix  #: Shares of the controls, (points, controls); zero where the curve stays
+    rows: csr_matrix  #: Weights of the controls, (points, controls); zero where the curve stays
 
 
 @dataclass(frozen=True, eq=False)
 class Boundary:
     """The boundary of one part; every rank holds all of it.
 
+    Controls that are mirror images of each other form an *orbit*, and have the same offset along
+    their normals. So the boundary moves by one offset for each orbit.
+
     Attributes:
         origin: Whose curves that stay are used.
         free: The curves that move, by number.
         faces: Group and loops of each face, material on the left.
-        orbits: Number of the orbit of each control of each curve: controls of one orbit are mirror
-            images of each other, and have the same offset.
+        orbits: Number of the orbit of each control of each curve.
         isometries: Isometries that leave the boundary unchanged, the identity first.
         body_polygon: The body [m].
         member: Minimum member [m].
@@ -72,8 +71,7 @@ class Boundary:
         rim: Width of the rim around each hole of the body's drawing [m].
         radius: Smallest radius of curvature [m].
         spacing: Distance of the controls of holes [m]; twice that in outlines.
-        needed: Rims of the first part, which stay material.
-        options: Numbers of the method.
+        required: Rims of the first part, which stay material.
     """
 
     origin: Part
@@ -87,18 +85,7 @@ class Boundary:
     rim: float
     radius: float
     spacing: float
-    needed: shapely.Geometry
-    options: BoundaryOptions = CURVES
-
-    @property
-    def _fine(self) -> float:
-        """Accuracy of polygons [m]."""
-        return self.options.accuracy * self.member
-
-    @property
-    def _tolerance(self) -> float:
-        """Distance by which polygons of curves may cross, as each is as far from its curve [m]."""
-        return 2.0 * self.options.accuracy * self.member
+    required: shapely.Geometry
 
     @staticmethod
     def of(
@@ -111,7 +98,6 @@ class Boundary:
         spacing: float | None = None,
         outline: bool = True,
         mirrors: Sequence[Mirror] = (),
-        options: BoundaryOptions = CURVES,
     ) -> Boundary:
         """The boundary of a part, its free sides smoothed.
 
@@ -125,7 +111,6 @@ class Boundary:
             spacing: Distance of the controls of holes [m]; by default two minimum members.
             outline: Whether sides on the outer edge of the body may move, too.
             mirrors: Lines about which the part is its own mirror image, and stays it exactly.
-            options: Numbers of the method.
 
         Raises:
             ValueError: If a number is out of range, the part is in pieces or has lost an interface,
@@ -136,8 +121,7 @@ class Boundary:
             PartWarning: Of holes and islands of the design that are left out, as they are smaller
                 than five squares of the minimum member. Holes of the body's drawing never are.
         """
-        needed = "a Part, of a body in the plane"
-        validation.instance("boundary: part", part, Part, needed)
+        validation.instance("boundary: part", part, Part, "a Part, of a body in the plane")
         validation.number("boundary: member", member, above=0.0, unit="m")
         gap = member if gap is None else gap
         validation.number("boundary: gap", gap, above=0.0, unit="m")
@@ -158,40 +142,50 @@ class Boundary:
                 f"boundary: the part has {part.pieces} pieces and has lost the interfaces "
                 f"{part.lost_interfaces}; take a design in one piece that all interfaces hold"
             )
-        whole = Part(part.body, lambda x: np.ones(len(x)), part.spacing, resolution=2)
-        rings = [
-            [polygon(loop, options.accuracy * member) for loop in loops] for loops in whole.outlines
-        ]
-        body_polygon = shapely.union_all([shapely.Polygon(ring, holes) for ring, *holes in rings])
-        drawn = _drawn_holes(part.body).boundary.buffer(options.clear * member) if rim else None
-        # arcs are as near to the polygon of the outline as that is to them
-        near = 2.0 * options.accuracy * member
-        runs, faces = sides_of(part.drawing, body_polygon.boundary, near, outline, drawn)
+
+        body_polygon = _body_polygon(part, CURVES.accuracy * member)
+        drawn_holes = (
+            _drawn_holes(part.body).boundary.buffer(CURVES.clear * member) if rim else None
+        )
+        near_edge = _crossing_tolerance(member)
+        runs, faces = sides_of(part.drawing, body_polygon.boundary, near_edge, outline, drawn_holes)
         if not runs:
             raise ValueError(
                 "boundary: interfaces, solid regions and the holes of the drawing cover the whole "
                 "boundary, so that no side can move; make them smaller, or give boundary=0"
             )
-        # the last bits of a rank may decide nothing
-        alike = tuple(images(lines))
-        curves, orbits = part.body.comm.bcast(fitted(runs, spacing, alike))
-        sizes, none = (member, gap, rim, radius, spacing), shapely.MultiPolygon()
-        found = Boundary(part, curves, faces, orbits, alike, body_polygon, *sizes, none, options)
-        if found._inner.buffer(-member).is_empty:
+        isometries = tuple(images(lines))
+        # round-off of a rank may decide nothing
+        curves, orbits = part.body.comm.bcast(fitted(runs, spacing, isometries))
+        rough = Boundary(
+            origin=part,
+            free=curves,
+            faces=faces,
+            orbits=orbits,
+            isometries=isometries,
+            body_polygon=body_polygon,
+            member=member,
+            gap=gap,
+            rim=rim,
+            radius=radius,
+            spacing=spacing,
+            required=shapely.MultiPolygon(),
+        )
+        if rough._control_region.buffer(-member).is_empty:
             raise ValueError(
                 f"boundary: minimum members of {1e3 * member:.4g} mm do not fit into the body; "
                 "give smaller ones"
             )
-        found = found._without_specks()
-        found = found.moved(np.zeros(found.n_controls))
-        if not found.valid:
+        rough = rough._without_specks()
+        smooth = rough.moved(np.zeros(rough.n_offsets))
+        if not smooth.valid:
             raise CurveError(
                 "boundary: curves cross after smoothing, because members are thinner than the "
                 "controls can represent; give a smaller member or spacing, or a design without "
                 "thin members"
             )
-        rims = found._rims.intersection(found.material)
-        return replace(found, needed=rims.buffer(-2.0 * found._tolerance))
+        rims = smooth._rims.intersection(smooth.material)
+        return replace(smooth, required=rims.buffer(-2.0 * smooth._tolerance))
 
     @property
     def body(self) -> Domain:
@@ -216,6 +210,10 @@ class Boundary:
         starts = np.cumsum([0, *(len(curve.control) for curve in self.free.values())])
         return {key: int(start) for key, start in zip(self.free, starts, strict=False)}
 
+    def controls_of(self, key: int) -> slice:
+        """The numbers of the controls of a free curve."""
+        return slice(self.first[key], self.first[key] + len(self.free[key].control))
+
     @property
     def n_controls(self) -> int:
         """Number of controls of all free curves."""
@@ -234,90 +232,141 @@ class Boundary:
     @cached_property
     def expansion(self) -> csr_matrix:
         """The offset of each control by those of the orbits, (controls, orbits)."""
-        number = np.concatenate([self.orbits[key] for key in self.free])
-        _, column = np.unique(number, return_inverse=True)
+        orbit = np.concatenate([self.orbits[key] for key in self.free])
+        _, column = np.unique(orbit, return_inverse=True)
         return csr_matrix((np.ones(len(column)), (np.arange(len(column)), column)))
 
     @cached_property
     def leads(self) -> Mask:
-        """Whether a control is the first one of its number, shape (controls,)."""
-        found = np.zeros(self.n_controls, dtype=bool)
-        found[np.asarray(self.expansion.argmax(axis=0)).ravel()] = True
-        return found
+        """Whether a control is the first one of its orbit, shape (controls,)."""
+        leads = np.zeros(self.n_controls, dtype=bool)
+        leads[np.asarray(self.expansion.argmax(axis=0)).ravel()] = True
+        return leads
 
-    def metric(self, radius: float) -> csc_matrix:
-        """1 + radius^2 times second differences along each curve, (controls, controls)."""
-        whole = np.arange(self.n_controls)
-        rows, columns, values = [whole], [whole], [np.ones(len(whole))]
-        for key, curve in self.free.items():
-            own = self.first[key] + np.arange(len(curve.control))
-            weight = (radius / (self.spacing * (1.0 if curve.closed else 2.0))) ** 2
-            before, after = (own, np.roll(own, -1)) if curve.closed else (own[:-1], own[1:])
-            rows += [own, before, after]
-            columns += [own, after, before]
-            values += [np.full(len(own), 2.0 * weight), *2 * [np.full(len(before), -weight)]]
-        where = np.concatenate(rows), np.concatenate(columns)
-        return csc_matrix((np.concatenate(values), where), 2 * (self.n_controls,))
-
-    def wide(self, rows: csr_matrix, key: int) -> csr_matrix:
-        """``rows`` on the controls of the curve ``key`` as rows on those of all."""
+    def on_all_controls(self, rows: csr_matrix, key: int) -> csr_matrix:
+        """``rows`` on the controls of the curve ``key`` as rows on those of all curves."""
         coo = rows.tocoo()
-        where = (coo.row, coo.col + self.first[key])
-        return csr_matrix((coo.data, where), (rows.shape[0], self.n_controls))
+        columns = coo.col + self.first[key]
+        return csr_matrix((coo.data, (coo.row, columns)), (rows.shape[0], self.n_controls))
+
+    # ------------------------------------------------------------------ its motion
+
+    @property
+    def n_offsets(self) -> int:
+        """Number of independent offsets, one for each orbit."""
+        return int(self.expansion.shape[1])
+
+    @cached_property
+    def fixed_offsets(self) -> Mask:
+        """Whether an orbit stays, shape (orbits,)."""
+        return np.asarray(self.expansion.T @ self.fixed > 0)
+
+    def mean_of_orbits(self, values: Array) -> Array:
+        """Means of ``values`` (controls,) over the controls of each orbit, (orbits,)."""
+        return np.asarray(self.expansion.T @ values / self.expansion.sum(axis=0).A1)
+
+    def metric(self, length: float) -> csc_matrix:
+        """The matrix of motions that are smooth over a ``length`` [m], (orbits, orbits).
+
+        It is 1 + length^2 times second differences along each curve.
+        """
+        every_control = np.arange(self.n_controls)
+        rows, columns, values = [every_control], [every_control], [np.ones(len(every_control))]
+        for key, curve in self.free.items():
+            numbers = self.first[key] + np.arange(len(curve.control))
+            spacing = self.spacing if curve.closed else 2.0 * self.spacing
+            weight = (length / spacing) ** 2
+            if curve.closed:
+                controls, following = numbers, np.roll(numbers, -1)
+            else:
+                controls, following = numbers[:-1], numbers[1:]
+            rows += [numbers, controls, following]
+            columns += [numbers, following, controls]
+            values += [
+                np.full(len(numbers), 2.0 * weight),
+                *2 * [np.full(len(controls), -weight)],
+            ]
+        places = np.concatenate(rows), np.concatenate(columns)
+        of_controls = csc_matrix((np.concatenate(values), places), 2 * (self.n_controls,))
+        return csc_matrix(self.expansion.T @ of_controls @ self.expansion)
 
     def moved(self, offsets: Array) -> Boundary:
-        """The same with its controls moved by ``offsets`` (controls,) along their normals [m]."""
-        return self.slid(offsets[:, None] * self.normals)
+        """The boundary with its orbits moved by ``offsets`` (orbits,) along their normals [m]."""
+        return self.slid((self.expansion @ offsets)[:, None] * self.normals)
 
     def slid(self, motion: Array) -> Boundary:
-        """The same with a ``motion`` of its controls, (controls, 2) [m], kept where they may be."""
-        free, step = {}, self.options.clear * self.member
-        for key, curve in self.free.items():
-            part = slice(self.first[key], self.first[key] + len(curve.control))
-            control = curve.control + motion[part]
-            free[key] = kept(curve, control, self._inner, self._clear, step, self.options)
+        """The boundary after a ``motion`` of its controls (controls, 2) [m].
+
+        Curves are then moved to where they may be.
+        """
+        step = CURVES.clear * self.member
+        free = {
+            key: confined(
+                curve,
+                curve.control + motion[self.controls_of(key)],
+                self._control_region,
+                self._curve_region,
+                step,
+            )
+            for key, curve in self.free.items()
+        }
         moved = replace(self, free=free)
-        # as solid regions, the body and its holes stay
-        same = ("_rims", "_inner", "_clear", "_limit")
-        moved.__dict__.update({name: getattr(self, name) for name in same})
+        # solid regions, the body and its holes stay, and regions by them are costly
+        unchanged = ("_rims", "_control_region", "_curve_region", "_limit")
+        moved.__dict__.update({name: getattr(self, name) for name in unchanged})
         return moved
 
-    def ways(self, reach: float) -> Array:
+    def free_paths(self, reach: float) -> Array:
         """How far each control may move along its normal and against it, up to ``reach`` [m].
 
         Shape (2, controls).
         """
-        found = []
+        paths = []
         for key, curve in self.free.items():
-            first = self.first[key]
-            way = reach * self.normals[first : first + len(curve.control)]
-            free = []
+            path = reach * self.normals[self.controls_of(key)]
             # where its curve may not follow, a control does not go either
-            for start, room in ((curve.control, self._inner), (curve.at(curve.peaks), self._clear)):
-                lines = [np.stack([start, start + side * way], axis=1) for side in (1.0, -1.0)]
-                ways = shapely.intersection(shapely.linestrings(np.stack(lines)), room)
-                free.append(shapely.length(ways))
-            found.append(np.min(free, axis=0))
-        return np.hstack(found)
+            starts = (
+                (curve.control, self._control_region),
+                (curve.at(curve.peaks), self._curve_region),
+            )
+            lengths = []
+            for start, region in starts:
+                ends = [np.stack([start, start + sign * path], axis=1) for sign in (1.0, -1.0)]
+                inside = shapely.intersection(shapely.linestrings(np.stack(ends)), region)
+                lengths.append(shapely.length(inside))
+            paths.append(np.min(lengths, axis=0))
+        return np.hstack(paths)
+
+    # ------------------------------------------------------------------ where curves may be
+
+    @property
+    def _accuracy(self) -> float:
+        """Distance between curves and their polygons [m]."""
+        return CURVES.accuracy * self.member
+
+    @property
+    def _tolerance(self) -> float:
+        return _crossing_tolerance(self.member)
 
     @cached_property
-    def _inner(self) -> shapely.Geometry:
+    def _control_region(self) -> shapely.Geometry:
         """Where controls may be that are no ends."""
-        return self._off_solid(self.options.off_solid)
+        return self._away_from_solid(CURVES.off_solid)
 
     @cached_property
-    def _clear(self) -> shapely.Geometry:
+    def _curve_region(self) -> shapely.Geometry:
         """Where their curves may be."""
-        return self._off_solid(self.options.clear)
+        return self._away_from_solid(CURVES.clear)
 
-    def _off_solid(self, distance: float) -> shapely.Geometry:
-        """The body without rims and what is near what must stay solid, in minimum members."""
+    def _away_from_solid(self, distance: float) -> shapely.Geometry:
+        """The body without rims, and without what is near solid regions, in minimum members."""
         solid = shapely.MultiPolygon(
             [self._polygon(loops) for group, loops in self.faces if group == "solid"]
         )
         # curves along the outer edge of the body pass rims there
-        holes = _drawn_holes(self.body).buffer(self.options.clear * self.member)
-        rims = self._rims.intersection(self.body_polygon.union(holes).buffer(-self._tolerance))
+        holes = _drawn_holes(self.body).buffer(CURVES.clear * self.member)
+        inside = self.body_polygon.union(holes).buffer(-self._tolerance)
+        rims = self._rims.intersection(inside)
         return self.body_polygon.difference(solid.buffer(distance * self.member)).difference(rims)
 
     @cached_property
@@ -330,48 +379,19 @@ class Boundary:
         """What the material stays in: the body, but for the accuracy of curves."""
         return self.body_polygon.buffer(self._tolerance)
 
-    def _polygon(self, loops: Sequence[Sequence[Side]]) -> shapely.Polygon:
-        rings = [ring([self.curve(side) for side in loop], self._fine) for loop in loops]
-        return shapely.Polygon(rings[0], rings[1:])
-
-    # ------------------------------------------------------------------ in a checkpoint
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """What has changed since `of`, as arrays by name."""
-        keys = list(self.free)
-        rows = [
-            (face, loop, side.free, side.number, side.forward)
-            for face, (_, loops) in enumerate(self.faces)
-            for loop, sides in enumerate(loops)
-            for side in sides
-        ]
-        return {
-            "curves": np.array(keys),
-            "counts": np.array([len(self.free[key].control) for key in keys]),
-            "nodes": np.array([self.free[key].nodes or (-1, -1) for key in keys]),
-            "control": np.vstack([self.free[key].control for key in keys]),
-            "orbits": np.concatenate([self.orbits[key] for key in keys]),
-            "sides": np.array(rows),
-            "groups": np.array([group for group, _ in self.faces]),
-        }
-
-    def restored(self, state: Mapping[str, NDArray[Any]]) -> Boundary:
-        """The boundary with that `state`, which this one had come to."""
-        keys, ends = state["curves"].tolist(), np.cumsum(state["counts"])[:-1]
-        controls, orbits = (np.split(state[name], ends) for name in ("control", "orbits"))
-        nodes = [None if pair[0] < 0 else (pair[0], pair[1]) for pair in state["nodes"].tolist()]
-        free = dict(zip(keys, map(FreeCurve, controls, nodes), strict=True))
-        loops: list[list[list[Side]]] = [[] for _ in state["groups"]]
-        for face, loop, *side in state["sides"].tolist():
-            if loop == len(loops[face]):
-                loops[face].append([])
-            loops[face][loop].append(Side(bool(side[0]), side[1], bool(side[2])))
-        faces = tuple(
-            (str(group), tuple(map(tuple, own)))
-            for group, own in zip(state["groups"], loops, strict=True)
-        )
-        own = dict(zip(keys, orbits, strict=True))
-        return replace(self, free=free, faces=faces, orbits=own)
+    @property
+    def valid(self) -> bool:
+        """Whether no curve crosses itself, another, the outline of the body or a rim of a hole."""
+        faces = [(group, self._polygon(loops)) for group, loops in self.faces]
+        if not all(face.is_valid for _, face in faces):
+            return False
+        designed = [face for group, face in faces if group == "design"]
+        overlap = sum(face.area for face in designed) - shapely.union_all(designed).area
+        if overlap > self._tolerance * self.member:  # an island crosses the edge of its pocket
+            return False
+        material = shapely.union_all([face for _, face in faces])
+        has_rims = self.required.is_empty or material.covers(self.required)
+        return bool(has_rims and self._limit.covers(material))
 
     # ------------------------------------------------------------------ what it encloses
 
@@ -384,66 +404,86 @@ class Boundary:
     def _splines(self) -> dict[int, Curve]:
         return {key: curve.spline() for key, curve in self.free.items()}
 
+    def _polygon(self, loops: Sequence[Loop]) -> shapely.Polygon:
+        rings = [ring([self.curve(side) for side in loop], self._accuracy) for loop in loops]
+        return shapely.Polygon(rings[0], rings[1:])
+
     @property
     def material(self) -> shapely.Geometry:
         """The enclosed material as polygons [m]."""
         return shapely.union_all([self._polygon(loops) for _, loops in self.faces])
 
-    @property
-    def sides(self) -> Iterator[tuple[str, Side]]:
-        """All sides, with the group of their face."""
-        for group, loops in self.faces:
+    def _sides(self) -> Iterator[Side]:
+        """The sides of all faces."""
+        for _, loops in self.faces:
             for loop in loops:
-                for side in loop:
-                    yield group, side
+                yield from loop
 
     def samples(self) -> Samples:
         """Points of the boundary of the material, dense beside the minimum member.
 
         Sides of solid regions that are beside void, as bores, are among them.
         """
-        step = self.options.sample * self.member
+        step = CURVES.sample * self.member
         points, normals, rows = [], [], []
         for key, curve in self.free.items():
             s = curve.sampled(step)
-            value = curve.rows(s)
-            points.append(value @ curve.control)
+            curve_rows = curve.rows(s)
+            points.append(curve_rows @ curve.control)
             normals.append(curve.normals(s))
-            rows.append(self.wide(value, key))
+            rows.append(self.on_all_controls(curve_rows, key))
+
         # sides of two faces are within the material
-        faces = Counter(side.number for _, side in self.sides if not side.free)
-        for _, side in self.sides:
-            if side.free or faces[side.number] > 1:
+        faces_beside = Counter(side.number for side in self._sides() if not side.free)
+        for side in self._sides():
+            if side.free or faces_beside[side.number] > 1:
                 continue
-            curve_ = self.curve(side)
-            count = max(int(curve_.length / step), 2)
+            fixed_curve = self.curve(side)
+            count = max(int(fixed_curve.length / step), 2)
             t = (np.arange(count) + 0.5) / count
-            slope = curve_.slope(t)
+            slope = fixed_curve.slope(t)
             normal = np.column_stack([slope[:, 1], -slope[:, 0]])
-            points.append(curve_.at(t))
+            points.append(fixed_curve.at(t))
             normals.append(normal / np.linalg.norm(normal, axis=1)[:, None])
             rows.append(csr_matrix((count, self.n_controls)))
         return Samples(np.vstack(points), np.vstack(normals), csr_matrix(vstack(rows)))
 
     @property
-    def valid(self) -> bool:
-        """Whether no curve crosses itself, another, the outline of the body or a rim of a hole."""
-        faces = [self._polygon(loops) for _, loops in self.faces]
-        if not all(face.is_valid for face in faces):
-            return False
-        kinds = [kind for kind, _ in self.faces]
-        designed = [f for f, kind in zip(faces, kinds, strict=True) if kind == "design"]
-        twice = sum(face.area for face in designed) - shapely.union_all(designed).area
-        if twice > self._tolerance * self.member:  # an island crosses the edge of its pocket
-            return False
-        material = shapely.union_all(faces)
-        rims = self.needed.is_empty or material.covers(self.needed)
-        return bool(rims and self._limit.covers(material))
-
-    @property
     def smallest_radius(self) -> float:
         """The smallest radius of curvature of all curves that move [m]."""
         return min(curve.smallest_radius for curve in self.free.values())
+
+    def drawn(self) -> Drawing:
+        """The boundary as a drawing, to be meshed or written."""
+        numbers: dict[tuple[bool, int], int] = {}
+        curves: list[Curve] = []
+        nodes: list[tuple[int, int]] = []
+        groups: list[str] = []
+        first_new_node = 1 + max(max(pair) for pair in self.drawing.nodes)
+
+        def number(side: Side) -> int:
+            key = side.free, side.number
+            if key in numbers:
+                return numbers[key]
+            numbers[key] = len(curves)
+            if side.free:
+                closing_node = first_new_node + side.number
+                curves.append(self._splines[side.number])
+                nodes.append(self.free[side.number].nodes or (closing_node, closing_node))
+                groups.append("")
+            else:
+                curves.append(self.drawing.curves[side.number])
+                nodes.append(self.drawing.nodes[side.number])
+                groups.append(self.drawing.groups[side.number])
+            return numbers[key]
+
+        faces = [
+            Face(group, [[(number(side), side.forward) for side in loop] for loop in loops])
+            for group, loops in self.faces
+        ]
+        return Drawing(curves, nodes, groups, faces)
+
+    # ------------------------------------------------------------------ its holes
 
     @property
     def holes(self) -> list[int]:
@@ -456,170 +496,122 @@ class Boundary:
         """The numbers of the closed curves, of holes and of islands in pockets."""
         return [key for key, curve in self.free.items() if curve.closed]
 
+    def hole(self, key: int) -> shapely.Polygon:
+        """The region inside the closed curve ``key``."""
+        curve = self.free[key]
+        return shapely.Polygon(curve.at(curve.sampled(CURVES.sample * self.member)))
+
     def without(self, holes: Iterable[int]) -> Boundary:
         """The boundary without some ``holes``, by the numbers of their curves.
 
         Islands in them go, too.
         """
-        gone = list(holes)
-        filled = shapely.union_all([self.hole(key) for key in gone])
-        return self._with_holes([k for k in self._closed if filled.covers(self.hole(k))], [])
+        filled = shapely.union_all([self.hole(key) for key in holes])
+        removed = [key for key in self._closed if filled.covers(self.hole(key))]
+        return self.with_other_holes(removed, [])
 
-    def joined(self, pair: tuple[int, int]) -> Boundary:
-        """The boundary with a ``pair`` of holes made one, and their mirror images likewise.
+    def with_other_holes(self, removed: Iterable[int], runs: Sequence[Run]) -> Boundary:
+        """The boundary without ``removed`` closed curves, and with holes along runs in their face.
 
-        What is between them goes. ValueError if that is wider than six minimum members, or the
-        holes are not both of one face.
+        Raises a ShapeError if the holes are not of one face.
         """
-        keys = self.holes
-        tree = cKDTree([self.hole(key).centroid.coords[0] for key in keys])
-        where = tree.data[[keys.index(key) for key in pair]]
-        edges = {tuple(sorted(tree.query(g(where))[1].tolist())) for g in self.isometries}
-        pairs = np.array(sorted(edges))
-        number = connected(pairs, len(keys))
-        bays = self.options.bays * self.member
-        farthest = self.options.joined * self.member
-        runs, gone = [], []
-        for group in np.unique(number[pairs[:, 0]]):
-            among = [keys[i] for i in np.flatnonzero(number == group)]
-            own = pairs[number[pairs[:, 0]] == group]
-            between = [self._between(keys[i], keys[j]) for i, j in own.tolist()]
-            union = shapely.union_all([*between, *(self.hole(key) for key in among)])
-            union = union.buffer(bays).buffer(-bays)
-            # nothing narrower than a member, which curves so coarse could not follow
-            union = union.buffer(-0.5 * self.member).buffer(0.5 * self.member)
-            far = self.hole(pair[0]).distance(self.hole(pair[1])) > farthest
-            if far or not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
-                raise ShapeError("boundary: the holes are too far apart to be merged")
-            ring = shapely.geometry.polygon.orient(union, -1.0).exterior
-            runs.append(Run(np.asarray(ring.coords)[:-1], None))
-            gone += among
-        return self._with_holes(gone, runs)
-
-    def struts(self) -> Iterator[tuple[tuple[int, int], shapely.Geometry]]:
-        """Pairs of holes with material that can go between them, and where that and its images are.
-
-        Of mirror images only one is a pair.
-        """
-        holes = {key: self.hole(key) for key in self.holes}
-        keys, seen = list(holes), shapely.MultiPolygon()
-        for i, j in combinations(keys, 2):
-            if holes[i].distance(holes[j]) < self.options.joined * self.member:
-                strut = self._between(i, j).difference(shapely.union_all([holes[i], holes[j]]))
-                if strut.representative_point().intersects(seen):
-                    continue
-                whole = shapely.union_all([shapely.transform(strut, g) for g in self.isometries])
-                seen = seen.union(whole)
-                yield (i, j), whole
-
-    def _between(self, i: int, j: int) -> shapely.Geometry:
-        """What goes between two holes that are joined, and parts of these."""
-        a, b = self.hole(i), self.hole(j)
-        way = a.distance(b) + self.options.convex * self.member
-        facing = a.intersection(b.buffer(way)), b.intersection(a.buffer(way))
-        return shapely.union_all(facing).convex_hull
-
-    def with_strut(self, ends: Array) -> Boundary:
-        """The boundary with a straight strut between ``ends`` (2, 2) [m], and its mirror images.
-
-        ValueError if there is no hole where it is, or nothing is left of it.
-        """
-        lines = [g(ends) for g in self.isometries]
-        bars = shapely.union_all(shapely.linestrings(lines))
-        bars = bars.buffer(0.5 * self.options.bar * self.member)
-        gone, runs = [], []
-        for key in self.holes:
-            hole = self.hole(key)
-            if hole.intersection(bars).area > self.member**2:
-                gone.append(key)
-                # only where the narrowest hole fits
-                left = hole.difference(bars).buffer(-0.5 * self.gap).buffer(0.5 * self.gap)
-                for piece in getattr(left, "geoms", [left]):
-                    if piece.area > self.options.smallest_hole * self.member**2:
-                        ring = shapely.geometry.polygon.orient(piece, -1.0).exterior
-                        runs.append(Run(np.asarray(ring.coords)[:-1], None))
-        if not runs:
-            raise ShapeError("boundary: a strut needs a hole, but no hole is near it")
-        return self._with_holes(gone, runs)
-
-    def _with_holes(self, gone: Iterable[int], runs: Sequence[Run]) -> Boundary:
-        """Without some holes, and with others along closed runs where these were."""
-        left = set(gone)
-        inside = [
-            n for n, (_, loops) in enumerate(self.faces) if any(_is_hole(x, left) for x in loops)
+        removed = set(removed)
+        faces_of_removed = [
+            number
+            for number, (_, loops) in enumerate(self.faces)
+            if any(_is_closed_curve_of(loop, removed) for loop in loops)
         ]
-        if runs and len(inside) != 1:
+        if runs and len(faces_of_removed) != 1:
             raise ShapeError("boundary: the holes belong to different faces")
-        beyond = 1 + max(self.free)
         curves, orbits = fitted(runs, self.spacing, self.isometries)
-        alike = 1 + max(int(np.max(numbers)) for numbers in self.orbits.values())
+        first_curve = 1 + max(self.free)
+        first_orbit = 1 + max(int(np.max(numbers)) for numbers in self.orbits.values())
+
         faces = []
-        for n, (group, loops) in enumerate(self.faces):
-            kept = [loop for loop in loops if not _is_hole(loop, left)]
-            if n in inside:
-                kept += [(Side(True, beyond + k),) for k in curves]
-            if kept:  # of an island nothing may be left
-                faces.append((group, tuple(kept)))
-        free = {k: c for k, c in self.free.items() if k not in left}
-        free |= {beyond + k: curve for k, curve in curves.items()}
-        own = {k: self.orbits[k] for k in free if k in self.orbits}
-        own |= {beyond + k: alike + numbers for k, numbers in orbits.items()}
-        return replace(self, faces=tuple(faces), free=free, orbits=own)
+        for number, (group, loops) in enumerate(self.faces):
+            new_loops = [loop for loop in loops if not _is_closed_curve_of(loop, removed)]
+            if number in faces_of_removed:
+                new_loops += [(Side(True, first_curve + key),) for key in curves]
+            if new_loops:  # of an island nothing may be left
+                faces.append((group, tuple(new_loops)))
 
-    def hole(self, key: int) -> shapely.Polygon:
-        """The region inside the closed curve ``key``."""
-        curve = self.free[key]
-        return shapely.Polygon(curve.at(curve.sampled(self.options.sample * self.member)))
-
-    def _below(self, share: float) -> list[int]:
-        """The numbers of closed curves around less than so many squares of the minimum member."""
-        return [key for key in self._closed if self.hole(key).area < share * self.member**2]
+        free = {key: curve for key, curve in self.free.items() if key not in removed}
+        free |= {first_curve + key: curve for key, curve in curves.items()}
+        all_orbits = {key: self.orbits[key] for key in free if key in self.orbits}
+        all_orbits |= {first_curve + key: first_orbit + numbers for key, numbers in orbits.items()}
+        return replace(self, faces=tuple(faces), free=free, orbits=all_orbits)
 
     def _without_specks(self) -> Boundary:
-        """Without holes and islands of the design that are too small, which is warned of."""
-        drawn = _drawn_holes(self.body)
-        small = self._below(self.options.smallest_hole)
-        specks = [key for key in small if not self.hole(key).intersects(drawn)]
+        """The boundary without holes and islands of the design that are too small; it warns."""
+        drawn_holes = _drawn_holes(self.body)
+        smallest = CURVES.smallest_hole * self.member**2
+        specks = [
+            key
+            for key in self._closed
+            if self.hole(key).area < smallest and not self.hole(key).intersects(drawn_holes)
+        ]
         if not specks:
             return self
         centers = [1e3 * np.mean(self.free[key].control, axis=0) for key in specks]
-        near = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in centers)
+        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in centers)
         warnings.warn(
-            f"boundary: holes or islands of the design near {near} mm are left out: each is "
+            f"boundary: holes or islands of the design near {places} mm are left out: each is "
             "smaller than five squares of the minimum member",
             PartWarning,
             stacklevel=4,
         )
         return self.without(specks)
 
-    def drawn(self) -> Drawing:
-        """The boundary as a drawing, to be meshed or written."""
-        numbers: dict[tuple[bool, int], int] = {}
-        curves: list[Curve] = []
-        nodes: list[tuple[int, int]] = []
-        groups: list[str] = []
-        beyond = 1 + max(max(pair) for pair in self.drawing.nodes)
+    # ------------------------------------------------------------------ in a checkpoint
 
-        def number(side: Side) -> int:
-            key = side.free, side.number
-            if key not in numbers:
-                numbers[key] = len(curves)
-                if side.free:
-                    own = beyond + side.number
-                    curves.append(self._splines[side.number])
-                    nodes.append(self.free[side.number].nodes or (own, own))
-                    groups.append("")
-                else:
-                    curves.append(self.drawing.curves[side.number])
-                    nodes.append(self.drawing.nodes[side.number])
-                    groups.append(self.drawing.groups[side.number])
-            return numbers[key]
-
-        faces = [
-            Face(group, [[(number(side), side.forward) for side in loop] for loop in loops])
-            for group, loops in self.faces
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What has changed since `of`, as arrays by name."""
+        keys = list(self.free)
+        sides = [
+            (face, loop_number, side.free, side.number, side.forward)
+            for face, (_, loops) in enumerate(self.faces)
+            for loop_number, loop in enumerate(loops)
+            for side in loop
         ]
-        return Drawing(curves, nodes, groups, faces)
+        return {
+            "curves": np.array(keys),
+            "counts": np.array([len(self.free[key].control) for key in keys]),
+            "nodes": np.array([self.free[key].nodes or (-1, -1) for key in keys]),
+            "control": np.vstack([self.free[key].control for key in keys]),
+            "orbits": np.concatenate([self.orbits[key] for key in keys]),
+            "sides": np.array(sides),
+            "groups": np.array([group for group, _ in self.faces]),
+        }
+
+    def restored(self, state: Mapping[str, NDArray[Any]]) -> Boundary:
+        """The boundary with that `state`, which this one had come to."""
+        keys, ends = state["curves"].tolist(), np.cumsum(state["counts"])[:-1]
+        controls, orbits = (np.split(state[name], ends) for name in ("control", "orbits"))
+        nodes = [None if pair[0] < 0 else (pair[0], pair[1]) for pair in state["nodes"].tolist()]
+        free = dict(zip(keys, map(FreeCurve, controls, nodes), strict=True))
+
+        loops: list[list[list[Side]]] = [[] for _ in state["groups"]]
+        for face, loop, is_free, number, forward in state["sides"].tolist():
+            if loop == len(loops[face]):
+                loops[face].append([])
+            loops[face][loop].append(Side(bool(is_free), number, bool(forward)))
+        faces = tuple(
+            (str(group), tuple(map(tuple, face_loops)))
+            for group, face_loops in zip(state["groups"], loops, strict=True)
+        )
+        return replace(self, free=free, faces=faces, orbits=dict(zip(keys, orbits, strict=True)))
+
+
+def _crossing_tolerance(member: float) -> float:
+    """Distance by which polygons of curves may cross, as each is as far from its curve [m]."""
+    return 2.0 * CURVES.accuracy * member
+
+
+def _body_polygon(part: Part, accuracy: float) -> shapely.Geometry:
+    """The body of a part as polygons within an ``accuracy`` [m]."""
+    full = Part(part.body, lambda x: np.ones(len(x)), part.spacing, resolution=2)
+    faces = [[polygon(loop, accuracy) for loop in loops] for loops in full.outlines]
+    return shapely.union_all([shapely.Polygon(outer, holes) for outer, *holes in faces])
 
 
 def _drawn_holes(body: Domain) -> shapely.MultiPolygon:
@@ -627,5 +619,6 @@ def _drawn_holes(body: Domain) -> shapely.MultiPolygon:
     return shapely.MultiPolygon([hole.shape for hole in body.holes if isinstance(hole, FlatHole)])
 
 
-def _is_hole(loop: Sequence[Side], holes: set[int]) -> bool:
-    return loop[0].free and loop[0].number in holes
+def _is_closed_curve_of(loop: Loop, curves: set[int]) -> bool:
+    """Whether a loop is one of some closed curves, given by their numbers."""
+    return loop[0].free and loop[0].number in curves

@@ -1,17 +1,23 @@
 # SPDX-License-Identifier: MIT
-"""Which sides of a drawing stay, and along which points those run that may move."""
+"""Which sides of a drawing stay, and along which points those run that may move.
+
+The sides of a drawing's faces are grouped into *chains*: curves of one kind, one after the other. A
+chain of sides that may move becomes one `Run`, along which a spline is fitted.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
 
-from ..arrays import Array
-from ..fem import CurveError, Drawing
-from .spurs import cross
+from ..arrays import Array, Mask
+from ..fem import CurveError, Drawing, Face
+
+#: Distance between curves of a drawing and the polygons along which splines are fitted [m]
+_ACCURACY = 2e-5
 
 
 @dataclass(frozen=True)
@@ -23,9 +29,13 @@ class Side:
     forward: bool = True
 
 
-Loops = tuple[tuple[str, tuple[tuple[Side, ...], ...]], ...]
+Loop = tuple[Side, ...]
+#: Group of each face, and its loops
+Loops = tuple[tuple[str, tuple[Loop, ...]], ...]
 #: Curves of a drawing one after the other, by number and whether they run forwards
-Curves = list[tuple[int, bool]]
+Chain = list[tuple[int, bool]]
+#: Chains by the node at which they begin
+ChainsByNode = dict[int, Chain]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +47,7 @@ class Run:
 
 
 def sides_of(
-    given: Drawing,
+    drawing: Drawing,
     edge: shapely.Geometry,
     near: float,
     outline: bool = True,
@@ -51,173 +61,226 @@ def sides_of(
     outline of the whole body, found to a distance ``near`` [m]: what lies on it moves only where
     the ``outline`` is free. What lies on drawn ``holes`` stays.
     """
-    groups: list[set[str]] = [set() for _ in given.curves]
-    for face in given.faces:
+    may_move, beside_solid = _kinds_of_curves(drawing, edge, near, outline, holes)
+    sorting = _Sorting(_Chains(drawing))
+    for face in drawing.faces:
+        sorting.add(face, may_move, beside_solid)
+    sorting.extend_along_solid_regions()
+    sorting.close_loops()
+    return sorting.runs, (*sorting.faces, *_designed_faces(sorting.loops))
+
+
+def _kinds_of_curves(
+    drawing: Drawing,
+    edge: shapely.Geometry,
+    near: float,
+    outline: bool,
+    holes: shapely.Geometry | None,
+) -> tuple[Mask, Mask]:
+    """Whether each curve may move, and whether it is the side of a solid region beside void."""
+    groups_of_faces: list[set[str]] = [set() for _ in drawing.curves]
+    for face in drawing.faces:
         for loop in face.loops:
             for i, _ in loop:
-                groups[i].add(face.group)
-    middles = shapely.points([curve.at(np.array([0.5]))[0] for curve in given.curves])
-    within = shapely.distance(middles, edge) > near
-    of = [next(iter(group)) if len(group) == 1 else "" for group in groups]
-    drawn = shapely.intersects(middles, holes or shapely.MultiPolygon())
-    may_move = within | (outline & ~drawn)
-    free = [
-        a == "design" and not name and may
-        for a, name, may in zip(of, given.groups, may_move, strict=True)
-    ]
-    inside = [
-        a == "solid" and not name and deep
-        for a, name, deep in zip(of, given.groups, within, strict=True)
-    ]
-    ends = _Ends(given)
-    runs: list[Run] = []
+                groups_of_faces[i].add(face.group)
+    is_designed = np.array([groups == {"design"} for groups in groups_of_faces])
+    is_solid = np.array([groups == {"solid"} for groups in groups_of_faces])
+    is_interface = np.array([bool(name) for name in drawing.groups])
 
-    def added(points: Array, nodes: tuple[int, int] | None = None) -> Side:
-        runs.append(Run(points, nodes))
-        return Side(True, len(runs) - 1)
-
-    faces: list[tuple[str, tuple[tuple[Side, ...], ...]]] = []
-    # sides of solid regions beside void, and all others of designed regions, by their first node
-    solid: dict[int, Curves] = {}
-    moving: dict[int, Curves] = {}
-    staying: list[Curves] = []
-    loops: list[tuple[tuple[Side, ...], Array]] = []
-    for face in given.faces:
-        for loop in face.loops:
-            if face.group == "solid":
-                solid |= {ends.first(run): run for run, chosen in _runs(loop, inside) if chosen}
-            elif all(free[i] for i, _ in loop):
-                points = ends.points(loop)
-                loops.append(((added(points),), points))
-            else:
-                for run, chosen in _runs(loop, free):
-                    if chosen:
-                        moving[ends.first(run)] = run
-                    else:
-                        staying.append(run)
-        if face.group == "solid":
-            stay = tuple(tuple(Side(False, i, way) for i, way in loop) for loop in face.loops)
-            faces.append((face.group, stay))
-    for first in list(moving):
-        if chain := _chain(first, moving, solid, ends):
-            staying += [ends.back(run) for run in chain if run is not moving[first]]
-            del moving[first]
-            moving[ends.first(chain[0])] = [side for run in chain for side in run]
-        elif ring := _ring(first, moving, solid, ends):
-            points = np.vstack([ends.points(run) for run in ring])
-            loops.append(((added(points),), points))
-            for run in ring[::2]:
-                del moving[ends.first(run)]
-            staying += map(ends.back, ring[1::2])
-    whole = {ends.first(run): run for run in [*staying, *moving.values()]}
-    while whole:
-        around: list[Side] = []
-        drawn, node = [], next(iter(whole))
-        while node in whole:
-            run = whole.pop(node)
-            drawn.append(ends.points(run))
-            if moving.get(node) is run:
-                pair = node, ends.last(run)
-                around.append(added(np.vstack([drawn[-1], ends.end(run)[None]]), pair))
-            else:
-                around += [Side(False, i, way) for i, way in run]
-            node = ends.last(run)
-        loops.append((tuple(around), np.vstack(drawn)))
-    return runs, (*faces, *_faces(loops))
+    middles = shapely.points([curve.at(np.array([0.5]))[0] for curve in drawing.curves])
+    is_inside = shapely.distance(middles, edge) > near
+    is_on_hole = shapely.intersects(middles, holes or shapely.MultiPolygon())
+    is_free = is_inside | (outline & ~is_on_hole)
+    return is_designed & ~is_interface & is_free, is_solid & ~is_interface & is_inside
 
 
-def _ring(
-    first: int, moving: dict[int, Curves], solid: dict[int, Curves], ends: _Ends
-) -> list[Curves]:
-    """Around a void between designed and solid regions, runs of both in turn, or nothing."""
-    ring: list[Curves] = []
-    node = first
-    for beside in (moving, solid) * len(moving):
-        if node not in beside or beside[node] in ring:
-            return []
-        ring.append(beside[node])
-        node = ends.last(beside[node])
-        if node == first and beside is solid:
-            return ring
-    return []
-
-
-def _chain(
-    first: int, moving: dict[int, Curves], solid: dict[int, Curves], ends: _Ends
-) -> list[Curves]:
-    """A run with those along solid regions before and after it that are beside no other run."""
-    if first not in moving:
-        return []
-    starts, stops = (set(map(end, moving.values())) for end in (ends.first, ends.last))
-    before = next((run for run in solid.values() if ends.last(run) == first), None)
-    after = solid.get(ends.last(moving[first]))
-    chain = [before] if before and ends.first(before) not in stops else []
-    chain.append(moving[first])
-    chain += [after] if after and ends.last(after) not in starts else []
-    return chain if len(chain) > 1 else []
-
-
-def _faces(
-    loops: Sequence[tuple[tuple[Side, ...], Array]],
-) -> Iterator[tuple[str, tuple[tuple[Side, ...], ...]]]:
-    """Loops around designed regions, counterclockwise, each with the holes in it, clockwise."""
-    # runs that go on along a solid region go back there
-    rings = [points if len(points) > 2 else np.zeros((0, 2)) for _, points in loops]
-    shapes = [shapely.Polygon(points).buffer(0.0) for points in rings]
-    outer = [k for k, (_, x) in enumerate(loops) if np.sum(cross(x, np.roll(x, -1, axis=0))) > 0.0]
-    within: dict[int, list[int]] = {k: [] for k in sorted(outer, key=lambda k: shapes[k].area)}
-    for k in range(len(loops)):
-        if k not in within:
-            # one along the rim of a bore may touch the outline, and leave it by round-off
-            half = 0.5 * shapes[k].area
-            around = next((j for j in within if shapes[j].intersection(shapes[k]).area >= half), -1)
-            if around < 0:
-                raise CurveError("boundary: a hole lies in no face, because curves cross")
-            within[around].append(k)
-    for k in outer:
-        yield "design", tuple(loops[j][0] for j in (k, *within[k]))
-
-
-class _Ends:
-    """Ends and points of runs of a drawing's curves."""
+class _Chains:
+    """Ends and points of chains of a drawing's curves."""
 
     def __init__(self, drawing: Drawing) -> None:
         self.drawing = drawing
 
-    def first(self, run: Sequence[tuple[int, bool]]) -> int:
-        i, forward = run[0]
+    def first_node(self, chain: Chain) -> int:
+        i, forward = chain[0]
         return self.drawing.nodes[i][0 if forward else 1]
 
-    def last(self, run: Sequence[tuple[int, bool]]) -> int:
-        i, forward = run[-1]
+    def last_node(self, chain: Chain) -> int:
+        i, forward = chain[-1]
         return self.drawing.nodes[i][1 if forward else 0]
 
-    def end(self, run: Sequence[tuple[int, bool]]) -> Array:
-        i, forward = run[-1]
+    def end(self, chain: Chain) -> Array:
+        """Last point, shape (2,) [m]."""
+        i, forward = chain[-1]
         curve = self.drawing.curves[i]
         return curve.end if forward else curve.start
 
-    def back(self, run: Curves) -> Curves:
-        return [(i, not forward) for i, forward in run[::-1]]
-
-    def points(self, run: Sequence[tuple[int, bool]]) -> Array:
-        """Vertices of a fine polygon along a run, its last one left out, shape (n, 2) [m]."""
-        found = []
-        for i, forward in run:
-            points = self.drawing.curves[i].points(2e-5)
-            found.append((points if forward else points[::-1])[:-1])
-        return np.vstack(found)
+    def points(self, chain: Chain) -> Array:
+        """Vertices of a fine polygon along a chain without the last one, shape (n, 2) [m]."""
+        vertices = []
+        for i, forward in chain:
+            points = self.drawing.curves[i].points(_ACCURACY)
+            vertices.append((points if forward else points[::-1])[:-1])
+        return np.vstack(vertices)
 
 
-def _runs(
-    loop: Sequence[tuple[int, bool]], chosen: Sequence[bool]
-) -> Iterator[tuple[list[tuple[int, bool]], bool]]:
-    """The loop in runs of curves that are chosen and of others, each as long as can be."""
-    start = next((k for k, (i, _) in enumerate(loop) if chosen[i] != chosen[loop[k - 1][0]]), 0)
-    run: list[tuple[int, bool]] = []
+@dataclass(eq=False)
+class _Sorting:
+    """The sides of faces, sorted step by step into runs and loops."""
+
+    chains: _Chains
+    runs: list[Run] = field(default_factory=list)
+    faces: list[tuple[str, tuple[Loop, ...]]] = field(default_factory=list)  #: Solid regions
+    #: Loops around designed regions and holes in them, with their polygons (n, 2) [m]
+    loops: list[tuple[Loop, Array]] = field(default_factory=list)
+    solid: ChainsByNode = field(default_factory=dict)  #: Sides of solid regions beside void
+    moving: ChainsByNode = field(default_factory=dict)  #: Sides of designed regions that may move
+    staying: list[Chain] = field(default_factory=list)  #: Other sides of designed regions
+
+    def add(self, face: Face, may_move: Mask, beside_solid: Mask) -> None:
+        """Add the chains of a face."""
+        first_node = self.chains.first_node
+        for loop in face.loops:
+            if face.group == "solid":
+                for chain, is_beside in _split(loop, beside_solid):
+                    if is_beside:
+                        self.solid[first_node(chain)] = chain
+            elif all(may_move[i] for i, _ in loop):
+                self._add_ring(self.chains.points(list(loop)))
+            else:
+                for chain, moves in _split(loop, may_move):
+                    if moves:
+                        self.moving[first_node(chain)] = chain
+                    else:
+                        self.staying.append(chain)
+        if face.group == "solid":
+            sides = [tuple(Side(False, i, forward) for i, forward in loop) for loop in face.loops]
+            self.faces.append((face.group, tuple(sides)))
+
+    def _add_run(self, points: Array, nodes: tuple[int, int] | None = None) -> Side:
+        self.runs.append(Run(points, nodes))
+        return Side(True, len(self.runs) - 1)
+
+    def _add_ring(self, points: Array) -> None:
+        self.loops.append(((self._add_run(points),), points))
+
+    def extend_along_solid_regions(self) -> None:
+        """Make one run of sides that move and those of solid regions that go on from them.
+
+        What goes along a solid region goes back on its other side, in a loop of the design.
+        """
+        chains = self.chains
+        for node in list(self.moving):
+            if node not in self.moving:
+                continue
+            if extended := self._extended(node):
+                self.staying += [
+                    _reversed(chain) for chain in extended if chain is not self.moving[node]
+                ]
+                del self.moving[node]
+                joined = [side for chain in extended for side in chain]
+                self.moving[chains.first_node(joined)] = joined
+            elif ring := self._ring(node):
+                self._add_ring(np.vstack([chains.points(chain) for chain in ring]))
+                for chain in ring[::2]:
+                    del self.moving[chains.first_node(chain)]
+                self.staying += map(_reversed, ring[1::2])
+
+    def _extended(self, node: int) -> list[Chain]:
+        """A moving chain with those of solid regions before and after it that end at no other.
+
+        Empty if there are none.
+        """
+        first_node, last_node = self.chains.first_node, self.chains.last_node
+        moving_starts = {first_node(chain) for chain in self.moving.values()}
+        moving_ends = {last_node(chain) for chain in self.moving.values()}
+        preceding = next((c for c in self.solid.values() if last_node(c) == node), None)
+        following = self.solid.get(last_node(self.moving[node]))
+
+        extended = [preceding] if preceding and first_node(preceding) not in moving_ends else []
+        extended.append(self.moving[node])
+        extended += [following] if following and last_node(following) not in moving_starts else []
+        return extended if len(extended) > 1 else []
+
+    def _ring(self, first_node: int) -> list[Chain]:
+        """Chains around a void between designed and solid regions, of both in turn, or nothing."""
+        ring: list[Chain] = []
+        node = first_node
+        for chains in (self.moving, self.solid) * len(self.moving):
+            if node not in chains or chains[node] in ring:
+                return []
+            ring.append(chains[node])
+            node = self.chains.last_node(chains[node])
+            if node == first_node and chains is self.solid:
+                return ring
+        return []
+
+    def close_loops(self) -> None:
+        """Join the chains of designed regions to loops, and add the runs of those that move."""
+        chains = self.chains
+        remaining = {chains.first_node(c): c for c in [*self.staying, *self.moving.values()]}
+        while remaining:
+            sides: list[Side] = []
+            points: list[Array] = []
+            node = next(iter(remaining))
+            while node in remaining:
+                chain = remaining.pop(node)
+                points.append(chains.points(chain))
+                if self.moving.get(node) is chain:
+                    ends = node, chains.last_node(chain)
+                    run_points = np.vstack([points[-1], chains.end(chain)[None]])
+                    sides.append(self._add_run(run_points, ends))
+                else:
+                    sides += [Side(False, i, forward) for i, forward in chain]
+                node = chains.last_node(chain)
+            self.loops.append((tuple(sides), np.vstack(points)))
+
+
+def _designed_faces(
+    loops: Sequence[tuple[Loop, Array]],
+) -> Iterator[tuple[str, tuple[Loop, ...]]]:
+    """Loops around designed regions, counterclockwise, each with the holes in it, clockwise.
+
+    Given are sides and polygons (n, 2) of all loops.
+    """
+    # chains that go along a solid region and back enclose nothing
+    rings = [points if len(points) > 2 else np.zeros((0, 2)) for _, points in loops]
+    regions = [shapely.Polygon(points).buffer(0.0) for points in rings]
+    outer = [k for k, (_, points) in enumerate(loops) if _twice_signed_area(points) > 0.0]
+    # of nested regions the smallest one is looked at first
+    by_area = sorted(outer, key=lambda k: regions[k].area)
+    holes: dict[int, list[int]] = {k: [] for k in by_area}
+    for k, region in enumerate(regions):
+        if k in holes:
+            continue
+        # a hole along the rim of a bore may touch the outline, and leave it by round-off
+        half = 0.5 * region.area
+        around = [j for j in by_area if regions[j].intersection(region).area >= half]
+        if not around:
+            raise CurveError("boundary: a hole lies in no face, because curves cross")
+        holes[around[0]].append(k)
+    for k in outer:
+        yield "design", tuple(loops[j][0] for j in (k, *holes[k]))
+
+
+def _twice_signed_area(ring: Array) -> float:
+    """Twice the area of a polygon (n, 2), positive if it is counterclockwise [m^2]."""
+    x, y = ring.T
+    following_x, following_y = np.roll(ring, -1, axis=0).T
+    return float(np.sum(x * following_y - y * following_x))
+
+
+def _reversed(chain: Chain) -> Chain:
+    return [(i, not forward) for i, forward in chain[::-1]]
+
+
+def _split(loop: Sequence[tuple[int, bool]], chosen: Mask) -> Iterator[tuple[Chain, bool]]:
+    """The loop in chains of curves that are chosen and of others, each as long as can be."""
+    changes = (k for k, (i, _) in enumerate(loop) if chosen[i] != chosen[loop[k - 1][0]])
+    start = next(changes, 0)
+    chain: Chain = []
     for i, forward in [*loop[start:], *loop[:start]]:
-        if run and chosen[run[-1][0]] != chosen[i]:
-            yield run, chosen[run[-1][0]]
-            run = []
-        run.append((i, forward))
-    yield run, chosen[run[-1][0]]
+        if chain and chosen[chain[-1][0]] != chosen[i]:
+            yield chain, bool(chosen[chain[-1][0]])
+            chain = []
+        chain.append((i, forward))
+    yield chain, bool(chosen[chain[-1][0]])

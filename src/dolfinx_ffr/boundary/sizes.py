@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Members, gaps and radii no smaller than a minimum, as constraints on the controls."""
+"""Members, gaps and radii no smaller than a minimum, as linear constraints on the offsets."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
+from .curve import Bending, FreeCurve
 from .options import CURVES
-from .outline import Boundary
+from .outline import Boundary, Samples
 
 
 class Rows(NamedTuple):
     """Constraints value + slope . offsets <= 0."""
 
     values: Array  #: (m,)
-    slopes: Array | csr_matrix  #: (m, controls) [1/m]
+    slopes: Array | csr_matrix  #: (m, offsets) [1/m]
     least: Array  #: Size of which the value is 1 - size / least, (m,) [m]
     oversize: float = CURVES.oversize  #: Factor by which the least size exceeds the minimum
 
     @staticmethod
-    def none(controls: int) -> Rows:
-        """No constraints on a number of controls."""
-        empty = np.zeros((0, controls))
-        return Rows(np.zeros(0), empty, np.zeros(0))
+    def none(n_offsets: int) -> Rows:
+        """No constraints on a number of offsets."""
+        return Rows(np.zeros(0), np.zeros((0, n_offsets)), np.zeros(0))
 
     @property
     def smallest(self) -> float:
@@ -39,53 +39,76 @@ class Rows(NamedTuple):
         return max(0.0, 1.0 - self.oversize * (1.0 - float(np.max(self.values, initial=-np.inf))))
 
 
-def _rows(values: list[Array], slopes: list[Array], least: float, oversize: float) -> Rows:
-    """Constraints below each other, of one ``least`` size [m]."""
-    stacked = np.concatenate(values)
-    return Rows(stacked, np.vstack(slopes), np.broadcast_to(least, stacked.shape), oversize)
+class Widths(NamedTuple):
+    """Straight lines between two samples of a boundary, shapes (widths, ...)."""
+
+    start: Integers  #: Numbers of the samples at one end
+    end: Integers  #: At the other end
+    displacement: Array  #: From start to end, (widths, 2) [m]
+    length: Array  #: [m]
 
 
 def size_rows(boundary: Boundary) -> Rows:
     """1 - d / d_min for the narrowest place beside each control, of members and of gaps.
 
-    The way d between two points of the boundary is the shortest one at both, so at fixed parameters
-    its derivative is exact. Of places that are mirror images one has a constraint.
+    The distance d between two points of the boundary is the shortest one at both, so at fixed
+    parameters its derivative is exact. Of places that are mirror images one has a constraint.
     """
-    options, samples = boundary.options, boundary.samples()
-    x, n = samples.points, samples.normals
-    widest = options.seen * max(boundary.member, boundary.gap)
-    pairs = cKDTree(x).query_pairs(widest, output_type="ndarray")
-    pairs = pairs[np.einsum("ij,ij->i", n[pairs[:, 0]], n[pairs[:, 1]]) < options.facing]
-    i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
-    displacement = x[j] - x[i]
-    distance = np.linalg.norm(displacement, axis=1)
-    moves = np.diff(samples.rows.indptr) > 0
-    values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
-    minima = [np.zeros(0)]
-    # through the material, and through the void
-    for side, least in (
-        (-1.0, options.oversize * boundary.member),
-        (1.0, options.oversize * boundary.gap),
-    ):
-        met = side * np.einsum("ij,ij->i", displacement, n[i]) > options.across * distance
-        near = distance < options.seen * least
-        chosen = np.flatnonzero(met & near & (distance > 0.0) & moves[i])
-        chosen = chosen[np.argsort(distance[chosen], kind="stable")]
-        # of each point the nearest, and of all points at which a control nearest_control most
-        chosen = chosen[np.unique(i[chosen], return_index=True)[1]]
-        chosen = chosen[np.argsort(distance[chosen], kind="stable")]
-        nearest_control = np.asarray(samples.rows[i[chosen]].argmax(axis=1)).ravel()
-        controls, first = np.unique(nearest_control, return_index=True)
-        chosen = chosen[first[boundary.leads[controls]]]
-        apart = samples.rows[i[chosen]] - samples.rows[j[chosen]]
-        along = -displacement[chosen] / distance[chosen, None]
-        projected = np.einsum("md,kd->mk", along, boundary.normals)
-        values.append(1.0 - distance[chosen] / least)
-        slopes.append(-apart.toarray() * projected / least)
+    samples = boundary.samples()
+    widths = _widths(samples, CURVES.constrained * max(boundary.member, boundary.gap))
+    values, slopes, minima = [], [], []
+    for outwards, minimum in ((False, boundary.member), (True, boundary.gap)):
+        least = CURVES.oversize * minimum
+        chosen = _narrowest_places(boundary, samples, widths, outwards, least)
+        values.append(1.0 - widths.length[chosen] / least)
+        slopes.append(_width_slopes(boundary, samples, widths, chosen) / least)
         minima.append(np.full(len(chosen), least))
-    return Rows(
-        np.concatenate(values), np.concatenate(slopes), np.concatenate(minima), options.oversize
-    )
+    by_controls = np.concatenate(slopes)
+    return Rows(np.concatenate(values), by_controls @ boundary.expansion, np.concatenate(minima))
+
+
+def _widths(samples: Samples, widest: float) -> Widths:
+    """Lines up to the ``widest`` [m] between samples that face each other, in both directions."""
+    points, normals = samples.points, samples.normals
+    pairs = cKDTree(points).query_pairs(widest, output_type="ndarray")
+    product = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
+    # two normals along a width, up to the angle arccos(across), are twice that from opposite
+    pairs = pairs[product < 1.0 - 2.0 * CURVES.across**2]
+    start, end = np.concatenate([pairs, pairs[:, ::-1]]).T
+    displacement = points[end] - points[start]
+    return Widths(start, end, displacement, np.linalg.norm(displacement, axis=1))
+
+
+def _narrowest_places(
+    boundary: Boundary, samples: Samples, widths: Widths, outwards: bool, least: float
+) -> Integers:
+    """Numbers of the widths that have a constraint: one for each orbit that is near one at all.
+
+    Widths that lead ``outwards`` are gaps, others members; their ``least`` length is in [m].
+    """
+    start, length = widths.start, widths.length
+    sign = 1.0 if outwards else -1.0
+    along_normal = np.einsum("ij,ij->i", widths.displacement, samples.normals[start])
+    is_across = sign * along_normal > CURVES.across * length
+    is_near = length < CURVES.constrained * least
+    moves = np.diff(samples.rows.indptr) > 0
+    chosen = np.flatnonzero(is_across & is_near & (length > 0.0) & moves[start])
+
+    # of each sample the shortest width, and of samples at which one control weighs most, too
+    chosen = chosen[np.argsort(length[chosen], kind="stable")]
+    chosen = chosen[np.unique(start[chosen], return_index=True)[1]]
+    chosen = chosen[np.argsort(length[chosen], kind="stable")]
+    nearest_control = np.asarray(samples.rows[start[chosen]].argmax(axis=1)).ravel()
+    controls, shortest = np.unique(nearest_control, return_index=True)
+    return np.asarray(chosen[shortest[boundary.leads[controls]]])
+
+
+def _width_slopes(boundary: Boundary, samples: Samples, widths: Widths, chosen: Integers) -> Array:
+    """Derivatives of -length of the chosen widths by the offsets of controls, (m, controls)."""
+    weights = samples.rows[widths.start[chosen]] - samples.rows[widths.end[chosen]]
+    direction = -widths.displacement[chosen] / widths.length[chosen, None]
+    along_normals = np.einsum("md,kd->mk", direction, boundary.normals)
+    return np.asarray(-weights.toarray() * along_normals)
 
 
 def radius_rows(boundary: Boundary) -> Rows:
@@ -94,43 +117,65 @@ def radius_rows(boundary: Boundary) -> Rows:
     At fixed parameters the derivative of the curvature is exact, and where it is largest along the
     curve that is the derivative of the largest one.
     """
-    options = boundary.options
-    least = options.oversize * boundary.radius
-    values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
+    least = CURVES.oversize * boundary.radius
+    if least == 0.0:
+        return Rows.none(boundary.n_offsets)
+    values = [np.zeros(0)]
+    slopes = [np.zeros((0, boundary.n_controls))]
     for key, curve in boundary.free.items():
-        if not least:
-            break
-        s = curve.bend_parameters(options.sample * least)
-        turn, a, b, size = curve.turn(s)
-        tight = np.flatnonzero(np.abs(turn) * options.seen * least > 1.0)
-        # of the points at which a control nearest_control most the tightest
-        tight = tight[np.argsort(-np.abs(turn[tight]), kind="stable")]
-        nearest_control = np.asarray(curve.rows(s[tight]).argmax(axis=1)).ravel()
-        controls, first_of = np.unique(nearest_control, return_index=True)
-        tight = tight[first_of[boundary.leads[boundary.first[key] + controls]]]
-        a, b, size, turn = a[tight], b[tight], size[tight], turn[tight]
-        # d turn by a and by b, times the normals of the controls
-        by_b = np.column_stack([-a[:, 1], a[:, 0]]) / size[:, None] ** 3
-        by_a = np.column_stack([b[:, 1], -b[:, 0]]) / size[:, None] ** 3
-        by_a -= 3.0 * (turn / size**2)[:, None] * a
-        normals = curve.control_normals
-        change = curve.rows(s[tight], 1).toarray() * (by_a @ normals.T)
-        change += curve.rows(s[tight], 2).toarray() * (by_b @ normals.T)
-        change *= (np.sign(turn) / turn**2 / least)[:, None]
-        values.append(1.0 - 1.0 / np.abs(turn) / least)
-        slopes.append(boundary.wide(csr_matrix(change), key).toarray())
-    return _rows(values, slopes, least, options.oversize)
+        s = curve.bend_parameters(CURVES.sample * least)
+        bending = curve.bending(s)
+        leads = boundary.leads[boundary.controls_of(key)]
+        tight = _tightest_places(curve, s, np.abs(bending.curvature), leads, least)
+        s, bending = s[tight], Bending(*(quantity[tight] for quantity in bending))
+        values.append(1.0 - 1.0 / np.abs(bending.curvature) / least)
+        curve_slopes = csr_matrix(_radius_slopes(curve, s, bending, least))
+        slopes.append(boundary.on_all_controls(curve_slopes, key).toarray())
+    stacked = np.concatenate(values)
+    by_controls = np.concatenate(slopes)
+    return Rows(stacked, by_controls @ boundary.expansion, np.full(len(stacked), least))
+
+
+def _tightest_places(
+    curve: FreeCurve, s: Array, curvature: Array, leads: Mask, least: float
+) -> Integers:
+    """Where radii have a constraint: at one parameter for each control that ``leads`` its orbit.
+
+    Only where the radius is near the ``least`` one [m]. Returned are places in the parameters ``s``
+    (n,), at which the absolute curvature is given, (n,) [1/m].
+    """
+    tight = np.flatnonzero(curvature * CURVES.constrained * least > 1.0)
+    # of the points at which one control weighs most the tightest
+    tight = tight[np.argsort(-curvature[tight], kind="stable")]
+    nearest_control = np.asarray(curve.rows(s[tight]).argmax(axis=1)).ravel()
+    controls, tightest = np.unique(nearest_control, return_index=True)
+    return np.asarray(tight[tightest[leads[controls]]])
+
+
+def _radius_slopes(curve: FreeCurve, s: Array, bending: Bending, least: float) -> Array:
+    """Derivatives of -radius / least at parameters (m,) by offsets of controls, (m, controls)."""
+    curvature, slope, bend, speed = bending
+    # derivatives of the curvature by the first and the second derivative of the curve
+    by_bend = np.column_stack([-slope[:, 1], slope[:, 0]]) / speed[:, None] ** 3
+    by_slope = np.column_stack([bend[:, 1], -bend[:, 0]]) / speed[:, None] ** 3
+    by_slope -= 3.0 * (curvature / speed**2)[:, None] * slope
+    normals = curve.control_normals
+    curvature_slopes = curve.rows(s, 1).toarray() * (by_slope @ normals.T)
+    curvature_slopes += curve.rows(s, 2).toarray() * (by_bend @ normals.T)
+    by_curvature = np.sign(curvature) / curvature**2 / least
+    return np.asarray(by_curvature[:, None] * curvature_slopes)
 
 
 def control_position_rows(boundary: Boundary, reach: float) -> Rows:
     """Controls stay where they may be, after a step of at most ``reach`` [m]."""
     values, slopes = [], []
-    for side, displacement in zip((1.0, -1.0), boundary.ways(reach), strict=True):
-        near = np.flatnonzero(
-            boundary.leads & ~boundary.fixed & (displacement < (1.0 - 1e-9) * reach)
-        )
-        rows = np.zeros((len(near), boundary.n_controls))
-        rows[np.arange(len(near)), near] = side / boundary.member
-        values.append(-displacement[near] / boundary.member)
+    for sign, path in zip((1.0, -1.0), boundary.free_paths(reach), strict=True):
+        is_blocked = path < (1.0 - 1e-9) * reach
+        blocked = np.flatnonzero(boundary.leads & ~boundary.fixed & is_blocked)
+        rows = np.zeros((len(blocked), boundary.n_controls))
+        rows[np.arange(len(blocked)), blocked] = sign / boundary.member
+        values.append(-path[blocked] / boundary.member)
         slopes.append(rows)
-    return _rows(values, slopes, np.inf, boundary.options.oversize)
+    stacked = np.concatenate(values)
+    by_controls = np.concatenate(slopes)
+    return Rows(stacked, by_controls @ boundary.expansion, np.full(len(stacked), np.inf))

@@ -17,25 +17,25 @@ def spread(boundary: Boundary) -> Boundary:
     Where a curve grows it would have too few controls, and where it shrinks they would crowd. On
     rods from 60x6 and 120x12 elements psi is 0.7 % and 1.8 % larger after twelve steps without.
     """
+    even_curves = {key: _evened(curve) for key, curve in boundary.free.items()}
     offsets = []
-    curves = {key: _spread(curve) for key, curve in boundary.free.items()}
-    for key, curve in curves.items():
-        area, gains = curve.area
-        missing = boundary.free[key].area[0] - area
-        free = np.where(curve.fixed, 0.0, gains)
-        offsets.append(missing * free / max(float(free @ free), 1e-300))
-    shares = boundary.expansion
-    alike = shares.T @ np.concatenate(offsets) / shares.sum(axis=0).A1
-    return replace(boundary, free=curves).moved(shares @ alike)
+    for key, curve in even_curves.items():
+        area, area_slopes = curve.area
+        lost_area = boundary.free[key].area[0] - area
+        area_slopes = np.where(curve.fixed, 0.0, area_slopes)
+        offsets.append(lost_area * area_slopes / max(float(area_slopes @ area_slopes), 1e-300))
+    return replace(boundary, free=even_curves).moved(
+        boundary.mean_of_orbits(np.concatenate(offsets))
+    )
 
 
-def _spread(curve: FreeCurve) -> FreeCurve:
-    """The curve with each control half of the way along it to the middle of its neighbours.
+def _evened(curve: FreeCurve) -> FreeCurve:
+    """The curve with each control moved along it, half of the way to the middle of its neighbours.
 
-    Of distances that alternate nothing is left.
+    Distances that alternate become equal.
     """
     control, normals = curve.control, curve.control_normals
-    middle = 0.5 * (np.roll(control, 1, axis=0) + np.roll(control, -1, axis=0))
+    middles = 0.5 * (np.roll(control, 1, axis=0) + np.roll(control, -1, axis=0))
     tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
-    motion = 0.5 * np.einsum("ij,ij->i", middle - control, tangents) * ~curve.fixed
-    return curve.moved(control + motion[:, None] * tangents)
+    along = 0.5 * np.einsum("ij,ij->i", middles - control, tangents) * ~curve.fixed
+    return curve.moved(control + along[:, None] * tangents)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,14 +12,24 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, issparse
 from scipy.sparse.linalg import splu
 
 from ..arrays import Array, Mask
-from .options import CURVES, BoundaryOptions
+from .options import PLANE_STEPS, StepOptions
 
-#: Rounds in which the weight of the gradient is found: its reach is then within 10 %
-_ROUNDS = 6
-#: Iterations for many multipliers, and their change, relative to the largest, that ends them
-_ITERATIONS, _CHANGE = 250, 1e-5
-#: Iterations for the largest eigenvalue of their matrix, and a factor of safety
-_POWERS, _MARGIN = 12, 1.1
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How the problem of a step is solved."""
+
+    weight_rounds: int = 6  #: Rounds in which the weight of the gradient is found
+    reach_accuracy: float = 0.1  #: Share by which the longest offset may miss the reach then
+    weight_factors: tuple[float, float] = (0.3, 3.0)  #: Factors of the weight in one round
+    most_reach: float = 1.5  #: Largest offset, in reaches, if a violation asks for more
+    iterations: int = 250  #: Most iterations for many multipliers
+    change: float = 1e-5  #: Change of the multipliers, relative to the largest, that ends them
+    power_iterations: int = 12  #: Iterations for the largest eigenvalue of the multipliers' matrix
+    eigenvalue_margin: float = 1.1  #: Factor of safety of this eigenvalue
+
+
+SOLVER = SolverOptions()
 #: How a matrix that is symmetric, and needs no pivots, is factored with fewer entries
 _SYMMETRIC = {
     "permc_spec": "MMD_AT_PLUS_A",
@@ -28,16 +37,13 @@ _SYMMETRIC = {
     "options": {"SymmetricMode": True},
 }
 
-#: The motion, and its multipliers, by values and the weight of the gradient
-Motion = Callable[[Array, float], tuple[Array, Array]]
-
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A motion of the controls, and what its constraints cost."""
+    """A motion of the boundary, and the multipliers of its constraints."""
 
-    offsets: Array  #: Along the normals, one for each control [m]
-    multipliers: Array  #: What each constraint costs of psi, not negative
+    offsets: Array  #: Along the normals, in the unit of the reach, (n,)
+    multipliers: Array  #: Change of psi by each constraint, not negative, (m,)
     weight: float  #: Of the gradient
     promised: float  #: Fall of psi by its gradient and the curvature that is known
 
@@ -50,11 +56,11 @@ def best_step(
     fixed: Mask,
     reach: float,
     curved: Array | None = None,
-    options: BoundaryOptions = CURVES,
+    options: StepOptions = PLANE_STEPS,
 ) -> Step:
     """The step a that minimises 1/2 a.M a + mu (g.a + 1/2 |a.W|^2) within values + slopes a <= 0.
 
-    The weight mu is that for which the longest offset is ``reach`` [m], and ``curved`` W (n, k)
+    The weight mu is that for which the longest offset is the ``reach``, and ``curved`` W (n, k)
     what is known of the curvature, see `curvature`. By duality it is a problem of non-negative
     least squares in the multipliers (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems,
     SIAM 1995, doi:10.1137/1.9781611971217). Where slopes are sparse, of many constraints,
@@ -63,128 +69,179 @@ def best_step(
     (m,), slopes (m, n).
     """
     free = np.flatnonzero(~fixed)
-    how: dict[str, Any] = _SYMMETRIC if issparse(slopes) else {}
-    factor = splu(metric[free][:, free].tocsc(), **how)
+    are_many = issparse(slopes)
+    factor = splu(metric[free][:, free].tocsc(), **(_SYMMETRIC if are_many else {}))
     downhill = -factor.solve(gradient[free])
+    curvature_columns = np.zeros((len(free), 0)) if curved is None else curved[free]
+
     # no step changes a constraint without a slope, and its multiplier is not determined
-    squares: Any = slopes.multiply(slopes) if issparse(slopes) else slopes**2  # type: ignore[union-attr]
-    able = np.flatnonzero(np.asarray(squares[:, free].sum(axis=1)).ravel())
-    slopes, wanted = slopes[able][:, free], np.minimum(values[able], options.at_once)
-    bends = np.zeros((len(free), 0)) if curved is None else curved[free]
-    step = (
-        _accelerated(factor, slopes, downhill, bends)
-        if issparse(slopes)
-        else _exact(factor, slopes, downhill, bends)
-    )
-    mends = not np.any(gradient)
+    squares: Any = slopes.multiply(slopes) if are_many else slopes**2  # type: ignore[union-attr]
+    with_slope = np.flatnonzero(np.asarray(squares[:, free].sum(axis=1)).ravel())
+    free_slopes = slopes[with_slope][:, free]
+    violations = np.minimum(values[with_slope], options.violation_share)
+    solver_type = _ManyConstraints if are_many else _FewConstraints
+    solver = solver_type(factor, free_slopes, downhill, curvature_columns)
+
+    only_mends = not np.any(gradient)
     weight = reach / max(float(np.max(np.abs(downhill), initial=0.0)), 1e-300)
-    for _ in range(_ROUNDS):
-        inner = step(wanted, weight)[0]
-        longest = float(np.max(np.abs(inner), initial=0.0))
-        if (mends and not issparse(slopes)) or longest == 0.0 or 0.9 < longest / reach < 1.1:
+    for _ in range(SOLVER.weight_rounds):
+        motion = solver.solve(violations, weight)[0]
+        longest = float(np.max(np.abs(motion), initial=0.0))
+        if (only_mends and not are_many) or longest == 0.0:
             break
-        weight *= float(np.clip(reach / longest, 0.3, 3.0))
-    if longest > 1.5 * reach:
-        inner *= 1.5 * reach / longest
+        if 1.0 - SOLVER.reach_accuracy < longest / reach < 1.0 + SOLVER.reach_accuracy:
+            break
+        weight *= float(np.clip(reach / longest, *SOLVER.weight_factors))
+    if longest > SOLVER.most_reach * reach:
+        motion *= SOLVER.most_reach * reach / longest
+
     offsets = np.zeros(len(gradient))
-    offsets[free] = inner
-    # what it takes to mend a violation is no cost of psi
-    costs = np.zeros(len(values))
-    if not mends:
-        costs[able] = step(np.minimum(wanted, 0.0), weight)[1] / weight
-    promised = -float(gradient[free] @ inner + 0.5 * np.sum((inner @ bends) ** 2))
-    return Step(offsets, costs, weight, promised)
+    offsets[free] = motion
+    multipliers = np.zeros(len(values))
+    if not only_mends:  # removing a violation is not counted as a change of psi
+        satisfied = np.minimum(violations, 0.0)
+        multipliers[with_slope] = solver.solve(satisfied, weight)[1] / weight
+    quadratic = 0.5 * np.sum((motion @ curvature_columns) ** 2)
+    promised = -float(gradient[free] @ motion + quadratic)
+    return Step(offsets, multipliers, weight, promised)
 
 
-def secants(known: Array, move: Array, gradient: Array, count: int = CURVES.secants) -> Array:
-    """The last ``count`` steps (2, steps, n): moves, and the gradient before each; one more."""
-    last = np.stack([move, gradient])[:, None]
-    return np.hstack([known, last])[:, -count:] if known.size else last
+class _FewConstraints:
+    """The step within some hundred constraints, whose multipliers are found exactly.
 
-
-def curvature(
-    metric: csc_matrix, known: Array, gradient: Array, least_share: float = CURVES.curvature_share
-) -> Array:
-    """Columns W (n, k) of the curvature W W^T that the last steps have shown.
-
-    Along moves S, columns, the gradient has changed by Y. If Y = H S for a symmetric H, that is
-    Y (S^T Y)^-1 Y^T: what the moves tell of H, never more than it. Moves along which the curvature
-    is not positive tell nothing, nor do those of less than the ``least_share`` of the largest:
-    the gradient is as much another one on another mesh.
+    Args:
+        factor: Factors of the metric M.
+        slopes: Of the constraints, (m, n).
+        downhill: Steepest descent -M^-1 g, (n,).
+        curvature_columns: W of the curvature W W^T, (n, k).
     """
-    if not known.size:
-        return np.zeros((len(gradient), 0))
-    moves, change = known[0].T, np.diff([*known[1], gradient], axis=0).T
-    size, way = np.linalg.eigh(moves.T @ (metric @ moves))
-    apart = size > 1e-6 * size[-1]
-    way = way[:, apart] / np.sqrt(size[apart])
-    bend = way.T @ (moves.T @ change) @ way
-    along, turn = np.linalg.eigh(0.5 * (bend + bend.T))
-    is_known = along > least_share * np.max(along, initial=0.0)
-    return np.asarray(change @ way @ turn[:, is_known] / np.sqrt(along[is_known]))
 
+    def __init__(
+        self, factor: Any, slopes: Array, downhill: Array, curvature_columns: Array
+    ) -> None:
+        self._slopes, self._columns = slopes, curvature_columns
+        right = np.column_stack([slopes.T, curvature_columns])
+        solved: Array = np.column_stack([downhill, factor.solve(right) if right.size else right])
+        n_constraints = len(slopes)
+        #: M^-1 times -g and the slopes
+        self._solved = solved[:, : 1 + n_constraints]
+        #: M^-1 W
+        self._solved_columns = solved[:, 1 + n_constraints :]
 
-def _exact(factor: Any, slopes: Array, downhill: Array, bends: Array) -> Motion:
-    """The step with a curvature W W^T by the columns W of ``bends``."""
-    count = len(slopes)
-    every = np.column_stack([slopes.T, bends])
-    every = np.column_stack([downhill, factor.solve(every) if every.size else every])
-    stiff = every[:, 1 + count :]
-
-    def step(wanted: Array, weight: float) -> tuple[Array, Array]:
+    def solve(self, violations: Array, weight: float) -> tuple[Array, Array]:
+        """The step, and the multipliers of constraints with these values."""
+        columns, slopes = self._columns, self._slopes
         # the inverse of M + mu W W^T by that of M
-        inner = np.eye(bends.shape[1]) / weight + bends.T @ stiff
-        ways = every[:, : 1 + count]
-        ways = ways - stiff @ np.linalg.solve(inner, bends.T @ ways)
-        way = np.asarray(weight * ways[:, 0])
-        toward: Array = ways[:, 1:]
+        small = np.eye(columns.shape[1]) / weight + columns.T @ self._solved_columns
+        correction = np.linalg.solve(small, columns.T @ self._solved)
+        solved = self._solved - self._solved_columns @ correction
+        unconstrained = np.asarray(weight * solved[:, 0])
+        along_slopes: Array = solved[:, 1:]
+        count = len(slopes)
         if not count:
-            return way, wanted
-        gram = slopes @ toward
+            return unconstrained, violations
+
+        gram = slopes @ along_slopes
         # constraints that say the same leave the multipliers undetermined, and not the step
         gram += 1e-10 * np.trace(gram) / count * np.eye(count)
         root = np.linalg.cholesky(gram)
-        right = np.linalg.solve(root, wanted + slopes @ way)
-        costs = np.asarray(nnls(root.T, right, maxiter=100 * count)[0])
-        return way - toward @ costs, costs
-
-    return step
+        right = np.linalg.solve(root, violations + slopes @ unconstrained)
+        multipliers = np.asarray(nnls(root.T, right, maxiter=100 * count)[0])
+        return unconstrained - along_slopes @ multipliers, multipliers
 
 
-def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array, bends: Array) -> Motion:
-    """The same for thousands of constraints, without their products; from those of the last call.
+class _ManyConstraints:
+    """The step within thousands of constraints, without products of all of them.
 
-    Rows are of length one, so that those of a bound count as those of a wall.
+    Rows are scaled to length one, so that those of a bound count as those of a wall. Arguments are
+    those of `_FewConstraints`.
     """
-    length = np.sqrt(np.asarray(slopes.multiply(slopes).sum(axis=1)).ravel() + 1e-300)
-    rows = diags(1.0 / length) @ slopes
-    stiff = factor.solve(bends) if bends.size else bends
-    last, largest = np.zeros(len(length)), np.sin(1.0 + np.arange(len(length)))
-    for _ in range(_POWERS):
-        largest = rows @ factor.solve(rows.T @ largest / max(np.linalg.norm(largest), 1e-300))
-    step = 1.0 / max(_MARGIN * float(np.linalg.norm(largest)), 1e-300)
 
-    def step_of(wanted: Array, weight: float) -> tuple[Array, Array]:
-        nonlocal last
-        inverse = np.linalg.inv(np.eye(bends.shape[1]) / weight + bends.T @ stiff)
+    def __init__(
+        self, factor: Any, slopes: csr_matrix, downhill: Array, curvature_columns: Array
+    ) -> None:
+        self._factor, self._downhill, self._slopes = factor, downhill, slopes
+        self._columns = curvature_columns
+        self._solved_columns = (
+            factor.solve(curvature_columns) if curvature_columns.size else curvature_columns
+        )
+        squares = np.asarray(slopes.multiply(slopes).sum(axis=1)).ravel()
+        self._lengths = np.sqrt(squares + 1e-300)
+        self._rows = diags(1.0 / self._lengths) @ slopes
+        eigenvalue = SOLVER.eigenvalue_margin * self._largest_eigenvalue()
+        self._step_size = 1.0 / max(eigenvalue, 1e-300)
+        #: Multipliers of the scaled rows, with which the next solution begins
+        self._scaled = np.zeros(len(self._lengths))
 
-        def curved(way: Array) -> Array:
+    def _largest_eigenvalue(self) -> float:
+        """Of the matrix of the multipliers, by power iteration."""
+        vector = np.sin(1.0 + np.arange(len(self._lengths)))
+        for _ in range(SOLVER.power_iterations):
+            force = (self._rows.T @ vector) / max(np.linalg.norm(vector), 1e-300)
+            vector = self._rows @ self._factor.solve(force)
+        return float(np.linalg.norm(vector))
+
+    def solve(self, violations: Array, weight: float) -> tuple[Array, Array]:
+        """The step, and the multipliers of constraints with these values."""
+        columns, rows = self._columns, self._rows
+        small = np.linalg.inv(np.eye(columns.shape[1]) / weight + columns.T @ self._solved_columns)
+
+        def with_curvature(solved: Array) -> Array:
             """By the inverse of M + mu W W^T, from that of M."""
-            return np.asarray(way - stiff @ (inverse @ (bends.T @ way)))
+            return np.asarray(solved - self._solved_columns @ (small @ (columns.T @ solved)))
 
-        way = weight * curved(downhill)
-        ahead, pace = last, 1.0
-        for _ in range(_ITERATIONS):
-            inner = way - curved(factor.solve(rows.T @ ahead))
-            found = np.maximum(ahead + step * (wanted / length + rows @ inner), 0.0)
-            if (ahead - found) @ (found - last) > 0.0:  # it went too far
-                pace = 1.0
-            before, pace = pace, 0.5 + np.sqrt(0.25 + pace**2)
-            ahead = found + (before - 1.0) / pace * (found - last)
-            change, last = np.max(np.abs(found - last), initial=0.0), found
-            if change <= _CHANGE * np.max(found, initial=0.0):
+        unconstrained = weight * with_curvature(self._downhill)
+        multipliers = extrapolated = self._scaled
+        momentum = 1.0
+        for _ in range(SOLVER.iterations):
+            forces = self._factor.solve(rows.T @ extrapolated)
+            motion = unconstrained - with_curvature(forces)
+            slope = violations / self._lengths + rows @ motion
+            updated = np.maximum(extrapolated + self._step_size * slope, 0.0)
+            if (extrapolated - updated) @ (updated - multipliers) > 0.0:  # it went too far
+                momentum = 1.0
+            previous, momentum = momentum, 0.5 + np.sqrt(0.25 + momentum**2)
+            change = updated - multipliers
+            extrapolated = updated + (previous - 1.0) / momentum * change
+            multipliers = updated
+            largest_change = np.max(np.abs(change), initial=0.0)
+            if largest_change <= SOLVER.change * np.max(updated, initial=0.0):
                 break
-        costs = last / length
-        return way - curved(factor.solve(slopes.T @ costs)), costs
+        self._scaled = multipliers
+        unscaled = multipliers / self._lengths
+        forces = self._factor.solve(self._slopes.T @ unscaled)
+        return unconstrained - with_curvature(forces), unscaled
 
-    return step_of
+
+def secants(known: Array, move: Array, gradient: Array, count: int = PLANE_STEPS.secants) -> Array:
+    """The motions of the last ``count`` steps, and the gradients before them, (2, steps, n).
+
+    The ``known`` ones and one more, with its motion ``move``.
+    """
+    newest = np.stack([move, gradient])[:, None]
+    return np.hstack([known, newest])[:, -count:] if known.size else newest
+
+
+def curvature(metric: csc_matrix, known: Array, gradient: Array) -> Array:
+    """Columns W (n, k) of the curvature W W^T that the last steps have shown.
+
+    Along moves S, columns, the gradient has changed by Y. If Y = H S for a symmetric H, that is
+    Y (S^T Y)^-1 Y^T: what the moves show of H, never more than it. Moves along which the curvature
+    is not positive show nothing.
+    """
+    if not known.size:
+        return np.zeros((len(gradient), 0))
+    round_off = 1e-6  # share of the largest square or curvature that is not told from zero
+    moves = known[0].T
+    changes = np.diff([*known[1], gradient], axis=0).T
+
+    # combinations of the moves that are orthonormal in the metric
+    squares, combinations = np.linalg.eigh(moves.T @ (metric @ moves))
+    independent = squares > round_off * squares[-1]
+    basis = combinations[:, independent] / np.sqrt(squares[independent])
+
+    projected = basis.T @ (moves.T @ changes) @ basis
+    curvatures, directions = np.linalg.eigh(0.5 * (projected + projected.T))
+    is_positive = curvatures > round_off * np.max(curvatures, initial=0.0)
+    columns = changes @ basis @ directions[:, is_positive]
+    return np.asarray(columns / np.sqrt(curvatures[is_positive]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where struts are missing: straight ones across holes, by what they would change."""
+"""Where a strut is missing: a straight one across a hole, by what it would change."""
 
 from __future__ import annotations
 
@@ -8,58 +8,40 @@ import shapely
 
 from ..arrays import Array, Integers
 from ..reduction import Struts
+from .options import CURVES
 from .outline import Boundary
 
 
-def missing(boundary: Boundary, struts: Struts) -> list[Array]:
-    """Ends (2, 2) [m] of struts that promise most, the best first."""
-    options = boundary.options
+def missing_strut(boundary: Boundary, struts: Struts) -> Array | None:
+    """Ends (2, 2) [m] of the strut that promises the largest fall of psi, None if no one does."""
     points, ends = _candidates(boundary)
     if not len(ends):
-        return []
-    gains = -struts.changes(points, ends, boundary.member)
-    order = np.argsort(-gains, kind="stable")
-    order = order[gains[order] > max(options.promised, options.promised_of_best * gains[order[0]])]
-    promising: list[Array] = []
-    taken: list[tuple[shapely.Geometry, float]] = []
-    for k in order:
-        line = shapely.LineString(points[ends[k]])
-        if any(
-            line.distance(images) < options.struts_apart * min(line.length, length)
-            for images, length in taken
-        ):
-            continue
-        promising.append(points[ends[k]])
-        if len(promising) == options.tried:
-            break
-        images = shapely.MultiLineString([g(promising[-1]) for g in boundary.isometries])
-        taken.append((images, line.length))
-    return promising
+        return None
+    changes = struts.changes(points, ends, boundary.member)
+    best = int(np.argmin(changes))
+    return points[ends[best]] if changes[best] < -CURVES.promised else None
 
 
 def _candidates(boundary: Boundary) -> tuple[Array, Integers]:
-    """Points of all holes, and pairs of them between which nothing but void is."""
-    options = boundary.options
-    points, pairs, count = [], [], 0
+    """Points (n, 2) of all holes, and pairs of them between which nothing but void is, (m, 2)."""
+    all_points, all_pairs = [np.zeros((0, 2))], [np.zeros((0, 2), dtype=np.int64)]
+    count = 0
     for key in boundary.holes:
-        curve, hole = boundary.free[key], boundary.hole(key)
-        s = curve.sampled(options.ends * boundary.member, 1)
-        x, n = curve.at(s), curve.normals(s)
-        i, j = np.triu_indices(len(x), 1)
-        displacement = x[j] - x[i]
+        curve = boundary.free[key]
+        s = curve.sampled(CURVES.strut_ends * boundary.member, 1)
+        points, normals = curve.at(s), curve.normals(s)
+        i, j = np.triu_indices(len(points), 1)
+        displacement = points[j] - points[i]
         length = np.linalg.norm(displacement, axis=1)
         # normals are out of the material
-        across = np.einsum("ij,ij->i", displacement, n[i]) > options.steep * length
-        across &= np.einsum("ij,ij->i", displacement, n[j]) < -options.steep * length
-        across &= length > options.shortest_strut * boundary.member
-        i, j = i[across], j[across]
-        lines = shapely.linestrings(np.stack([x[i], x[j]], axis=1))
-        room = hole.buffer(0.1 * boundary.member)
+        is_across = np.einsum("ij,ij->i", displacement, normals[i]) > CURVES.steep * length
+        is_across &= np.einsum("ij,ij->i", displacement, normals[j]) < -CURVES.steep * length
+        pairs = np.column_stack([i[is_across], j[is_across]])
+
+        room = boundary.hole(key).buffer(0.1 * boundary.member)
         shapely.prepare(room)
-        inside = shapely.covers(room, lines)
-        pairs.append(np.column_stack([i[inside], j[inside]]) + count)
-        points.append(x)
-        count += len(x)
-    if not points:
-        return np.zeros((0, 2)), np.zeros((0, 2), dtype=np.int64)
-    return np.vstack(points), np.vstack(pairs)
+        lines = shapely.linestrings(points[pairs])
+        all_pairs.append(pairs[shapely.covers(room, lines)] + count)
+        all_points.append(points)
+        count += len(points)
+    return np.vstack(all_points), np.vstack(all_pairs)

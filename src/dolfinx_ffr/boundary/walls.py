@@ -8,8 +8,7 @@ not of a mesh that was cut by it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,9 +16,8 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Integers, Mask
 from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra, connected
 from ..part import Balls, outer_faces, spread, tangent_balls
+from .fields import Field, contour
 from .options import SURFACES, SurfaceOptions
-
-Field = Callable[[Array], Array]
 
 #: Times that the ball of a wall is moved off the sides of the body, of which three meet in a corner
 _SIDES = 4
@@ -38,8 +36,8 @@ class Walls(NamedTuple):
     @property
     def middles(self) -> Array:
         """Centres of the balls, (n, 3) [m]."""
-        side = np.where(self.moving[:, None], self.points, self.ends)
-        return side + 0.5 * self.thickness[:, None] * self.normals
+        touched = np.where(self.moving[:, None], self.points, self.ends)
+        return touched + 0.5 * self.thickness[:, None] * self.normals
 
     @property
     def normals(self) -> Array:
@@ -52,9 +50,20 @@ class Walls(NamedTuple):
         return float(np.min(self.thickness, initial=np.inf))
 
     def upto(self, thickness: float) -> Walls:
-        """The balls that are no thicker [m]."""
+        """The walls that are no thicker [m]."""
         count = int(np.searchsorted(self.thickness, thickness))
-        return Walls._make(part[:count] for part in self)
+        return Walls._make(values[:count] for values in self)
+
+
+class Samples(NamedTuple):
+    """Points of a surface, and unit normals into the material, (n, 3) each."""
+
+    points: Array  #: [m]
+    normals: Array
+
+    def where(self, chosen: Mask) -> Samples:
+        """The samples that are chosen by a mask (n,)."""
+        return Samples(self.points[chosen], self.normals[chosen])
 
 
 class Sides:
@@ -73,16 +82,16 @@ class Sides:
 
         self.spacing, self.options = spacing, options
         self.low, self.high = body.points.min(axis=0), body.points.max(axis=0)
-        #: Of the body, with normals inwards, (n, 3) each
+        #: Of the body
         self.outline = _samples(body, body.regions != VOID, spacing)
-        #: Of its solid region, likewise
+        #: Of its solid region
         self.solid = _samples(body, body.regions == SOLID, spacing)
         #: Where the outline may have windows, (n,)
-        self._free = ~_within(self.outline[0], self.solid[0], 1e-6 * spacing)
+        self._may_open = ~_is_near(self.outline.points, self.solid.points, 1e-6 * spacing)
         cells = body.cells[body.regions == DESIGNED]
         table = np.column_stack([np.full(len(cells), 4), cells]).ravel()
-        kinds = np.full(len(cells), pyvista.CellType.TETRA)
-        self._designed = pyvista.UnstructuredGrid(table, kinds, body.points)
+        cell_types = np.full(len(cells), pyvista.CellType.TETRA)
+        self._designed = pyvista.UnstructuredGrid(table, cell_types, body.points)
 
     @staticmethod
     def of(body: Domain, spacing: float, options: SurfaceOptions = SURFACES) -> Sides | None:
@@ -92,21 +101,23 @@ class Sides:
 
     def surface(
         self, field: Field, slopes: Field, near: Array | None = None, reach: float = 0.0
-    ) -> tuple[Array, Array]:
-        """Samples of the zero surface of a field in the designed region, and normals inwards.
+    ) -> Samples:
+        """Samples of the zero surface of a field in the designed region.
 
         All of them, or those up to a ``reach`` [m] from places ``near`` (n, 3).
         """
         x = contour(field, self.low, self.high, self.spacing)
-        x = x[_within(x, near, reach)]
-        for _ in range(2):
+        x = x[_is_near(x, near, reach)]
+        for _ in range(2):  # steps of Newton's method
             slope = slopes(x)
             square = np.maximum(np.sum(slope**2, axis=1), 1e-300)
             step = (field(x) / square)[:, None] * slope
-            long = np.linalg.norm(step, axis=1, keepdims=True)
-            x = x - step * np.minimum(1.0, 0.5 * self.spacing / np.maximum(long, 1e-300))
+            length = np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-300)
+            x = x - step * np.minimum(1.0, 0.5 * self.spacing / length)
         x = x[np.asarray(self._designed.find_containing_cell(x)).reshape(-1) >= 0]
-        return x, _unit(slopes(x))
+        return Samples(x, _unit(slopes(x)))
+
+    # ------------------------------------------------------------------ walls
 
     def walls(
         self, field: Field, slopes: Field, least: float, widest: float, near: Array | None = None
@@ -118,42 +129,81 @@ class Sides:
         """
         reach = self.options.near * least
         # balls of walls within the reach touch samples that are as far again
-        sampled, inclined = 2.0 * reach, np.radians(self.options.inclined)
-        x, inward = self.surface(field, slopes, near, sampled)
-        there, bare = field(self.outline[0]) > 0.0, field(self.solid[0]) < 0.0
-        still = ((self.outline, there), (self.solid, bare))
-        parts = [(x, inward)]
-        for (sides, way), chosen in still:
-            chosen = chosen & _within(sides, near, sampled)
-            parts.append((sides[chosen], way[chosen]))
-        at, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
-        most = 0.5 * max(widest, self.options.seen * least)
-        balls = Balls(
-            at, normals, *tangent_balls(at, normals, at, normals, most), self.spacing, most
+        moving = self.surface(field, slopes, near, 2.0 * reach)
+        is_material = field(self.outline.points) > 0.0
+        is_bare = field(self.solid.points) < 0.0
+        samples = _joined(
+            moving,
+            self.outline.where(is_material & _is_near(self.outline.points, near, 2.0 * reach)),
+            self.solid.where(is_bare & _is_near(self.solid.points, near, 2.0 * reach)),
         )
-        radius, end = balls.radius, balls.ends
-        free = np.arange(len(at)) < len(x)
-        walls = (balls.cosine < -np.cos(inclined)) & (end >= 0)
-        walls[balls.thin(0.5 * least)] = True
-        # of a post that which is amid it: those beside its edges are smaller
-        posts = np.flatnonzero(walls & (balls.cosine >= -np.cos(inclined)))
-        walls &= ~_beside(balls, posts, least, np.sin(0.5 * inclined))
-        # at the tip of a hollow samples are inclined: below a face, but for rims of windows, the
-        # ball is that which touches one of them
-        tips = np.flatnonzero(~free & free[end] & ~walls & (end >= 0))
-        walls &= free
-        way = at[end[tips]] - at[tips]
-        radius[tips] = 0.5 * np.sum(way**2, axis=1) / np.sum(way * normals[tips], axis=1)
-        windows = self.outline[0][self._free & ~there]
-        away = cKDTree(windows).query(at[tips])[0] if len(windows) else np.full(len(tips), np.inf)
-        # a rim is a wedge that begins at a window
-        rims = (away < least) | (radius[tips] > np.tan(0.5 * inclined) * away)
-        walls[tips] = (2.0 * radius[tips] < least) & ~rims
-        walls &= _within(at, near, reach)
-        found = np.flatnonzero(walls & (2.0 * radius < widest))
-        found = found[np.argsort(radius[found], kind="stable")]
-        one, two = np.where(free[found], [found, end[found]], [end[found], found])
-        return Walls(at[one], normals[one], at[two], normals[two], free[two], 2.0 * radius[found])
+        largest = 0.5 * max(widest, self.options.constrained * least)
+        balls = Balls(
+            *samples,
+            *tangent_balls(*samples, *samples, largest),
+            self.spacing,
+            largest,
+        )
+        moves = np.arange(len(samples.points)) < len(moving.points)
+        is_wall = self._is_amid_wall(balls, least)
+        windows = self.outline.points[self._may_open & ~is_material]
+        tips, tip_radii = self._tips_of_hollows(balls, moves, is_wall, windows, least)
+
+        radius = balls.radius.copy()
+        radius[tips] = tip_radii
+        is_wall &= moves
+        is_wall[tips] = True
+        is_wall &= _is_near(samples.points, near, reach) & (2.0 * radius < widest)
+        numbers = np.flatnonzero(is_wall)
+        numbers = numbers[np.argsort(radius[numbers], kind="stable")]
+        return _as_walls(balls, radius, moves, numbers)
+
+    @property
+    def _inclined(self) -> float:
+        """Angle between the sides of a wall up to which they count as opposite [rad]."""
+        return float(np.radians(self.options.inclined))
+
+    def _is_amid_wall(self, balls: Balls, least: float) -> Mask:
+        """Mask of the balls between opposite sides, and amid posts thinner than ``least``, (n,)."""
+        is_opposite = balls.cosine < -np.cos(self._inclined)
+        is_wall = is_opposite & (balls.ends >= 0)
+        is_wall[balls.thin(0.5 * least)] = True
+        # of a post the ball amid it counts: those beside its edges are smaller
+        posts = np.flatnonzero(is_wall & ~is_opposite)
+        return np.asarray(
+            is_wall & ~_is_in_wedge(balls, posts, least, np.sin(0.5 * self._inclined))
+        )
+
+    def _tips_of_hollows(
+        self, balls: Balls, moves: Mask, is_wall: Mask, windows: Array, least: float
+    ) -> tuple[Integers, Array]:
+        """Samples of a face below which a hollow ends in a thin wall, and radii of the balls there.
+
+        At the tip of a hollow all samples are inclined, so the ball is that which touches one of
+        them. Given are masks (n,) of samples that move and of walls, and places of ``windows``
+        (k, 3) [m].
+        """
+        ends = balls.ends
+        tips = np.flatnonzero(~moves & moves[ends] & ~is_wall & (ends >= 0))
+        to_end = balls.points[ends[tips]] - balls.points[tips]
+        depth = np.sum(to_end * balls.normals[tips], axis=1)
+        radius = 0.5 * np.sum(to_end**2, axis=1) / depth
+
+        # the rim of a window is a wedge that begins at the window, and no wall
+        to_window = np.full(len(tips), np.inf)
+        if len(windows):
+            to_window = cKDTree(windows).query(balls.points[tips])[0]
+        in_wedge = radius > np.tan(0.5 * self._inclined) * to_window
+        is_thin = (2.0 * radius < least) & (to_window >= least) & ~in_wedge
+        return tips[is_thin], radius[is_thin]
+
+    # ------------------------------------------------------------------ fields
+
+    def _windows(self, field: Field) -> tuple[Mask, cKDTree]:
+        """Mask of the outline's samples that are in windows, and a tree of the others."""
+        points = self.outline.points
+        is_open = self._may_open & (field(points) < 0.0)
+        return is_open, cKDTree(points[~is_open])
 
     def closed(self, field: Field, gap: float, thickness: float) -> Field | None:
         """A field without windows in which no disc of a diameter fits, None if there is none.
@@ -161,20 +211,45 @@ class Sides:
         They are filled by balls. The ``gap`` is the diameter of discs, the ``thickness`` that of
         balls [m].
         """
-        x, inward = self.outline
-        open_ = self._free & (field(x) < 0.0)
-        holes = x[open_]
-        pairs = cKDTree(holes).query_pairs(2.0 * self.spacing, output_type="ndarray")
-        which = connected(pairs, len(holes))
-        widest = np.zeros(len(holes))
-        np.maximum.at(widest, which, cKDTree(x[~open_]).query(holes)[0])
-        narrow = 2.0 * widest[which] < gap
-        if not np.any(narrow):
+        is_open, around = self._windows(field)
+        openings = self.outline.where(is_open)
+        pairs = cKDTree(openings.points).query_pairs(2.0 * self.spacing, output_type="ndarray")
+        window = connected(pairs, len(openings.points))
+        largest_radius = np.zeros(len(openings.points))
+        np.maximum.at(largest_radius, window, around.query(openings.points)[0])
+        is_narrow = 2.0 * largest_radius[window] < gap
+        if not np.any(is_narrow):
             return None
-        depth = 0.5 * thickness * inward[open_][narrow]
-        # they reach beyond the outline, which balls within it only touch
-        balls = cKDTree(np.concatenate([holes[narrow], holes[narrow] + depth]))
-        return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
+        narrow = openings.where(is_narrow)
+        # balls reach beyond the outline, which those within it only touch
+        inside = narrow.points + 0.5 * thickness * narrow.normals
+        return _with_balls(field, np.concatenate([narrow.points, inside]), thickness)
+
+    def blunted(self, field: Field, gap: float) -> Field | None:
+        """A field `rounded` where windows end in points, None if there are none.
+
+        There no disc of the diameter ``gap`` [m] fits in the window, but in other parts of it.
+        """
+        is_open, around = self._windows(field)
+        openings = self.outline.points[is_open]
+        fits = around.query(openings)[0] >= 0.5 * gap
+        if not np.any(fits):
+            return None
+        to_fitting = cKDTree(openings[fits]).query(openings)[0]
+        ends = openings[to_fitting > 0.5 * gap + self.spacing]
+        if not len(ends):
+            return None
+        tree, rounded = cKDTree(ends), self.rounded(field, gap)
+
+        def blunted_field(x: Array) -> Array:
+            values = field(x)
+            distance = tree.query(x, distance_upper_bound=gap)[0]
+            band = np.flatnonzero(np.isfinite(distance))
+            at_ends = np.minimum(rounded(x[band]), gap - distance[band])
+            values[band] = np.maximum(values[band], at_ends)
+            return values
+
+        return blunted_field
 
     def rounded(self, field: Field, diameter: float) -> Field:
         """A field whose void is where balls of a diameter [m] fit, outside the solid region.
@@ -182,106 +257,94 @@ class Sides:
         This is the opening of the void: slots, pockets and pinholes that are too narrow go. A
         window goes on beyond its face. The field is near the distance.
         """
-        radius, still = 0.5 * diameter, cKDTree(self.solid[0])
+        radius = 0.5 * diameter
+        solid_tree = cKDTree(self.solid.points)
 
-        def level(x: Array) -> Array:
+        def off_solid(x: Array) -> Array:
+            """The field, and positive near the solid region."""
             x = np.clip(x, self.low, self.high)
-            found = field(x)
-            away, near = still.query(x, distance_upper_bound=2.0 * diameter)
-            met = np.flatnonzero(np.isfinite(away))
-            way, inward = x[met] - self.solid[0][near[met]], self.solid[1][near[met]]
-            along = np.einsum("nd,nd->n", way, inward)
+            values = field(x)
+            distance, nearest = solid_tree.query(x, distance_upper_bound=2.0 * diameter)
+            band = np.flatnonzero(np.isfinite(distance))
+            to_point = x[band] - self.solid.points[nearest[band]]
+            inward = self.solid.normals[nearest[band]]
+            depth = np.einsum("nd,nd->n", to_point, inward)
             # void ends before a solid region, so that they do not meet in an edge
-            depth = np.where(along > 0.0, along, -away[met]) + self.spacing
-            found[met] = np.maximum(found[met], depth)
-            return found
+            margin = np.where(depth > 0.0, depth, -distance[band]) + self.spacing
+            values[band] = np.maximum(values[band], margin)
+            return values
 
-        ends = self.low - diameter, self.high + diameter
-        core = cKDTree(contour(level, *ends, self.spacing, -radius))
-        beside = np.sqrt(0.5) * self.spacing
+        low, high = self.low - diameter, self.high + diameter
+        # centres of balls that fit are within the level at minus their radius
+        eroded = cKDTree(contour(off_solid, low, high, self.spacing, -radius))
+        half_diagonal = np.sqrt(0.5) * self.spacing
 
         def opened(x: Array) -> Array:
-            inner = np.clip(x, self.low, self.high)
-            beyond, found = field(x) - field(inner), level(inner)
-            void = np.flatnonzero(np.abs(found) < radius)
-            away = core.query(inner[void], distance_upper_bound=2.0 * diameter)[0]
+            inside = np.clip(x, self.low, self.high)
+            values = off_solid(inside)
+            band = np.flatnonzero(np.abs(values) < radius)
+            distance = eroded.query(inside[band], distance_upper_bound=2.0 * diameter)[0]
             # at least, as the nearest sample may be to the side of the nearest place
-            away = np.sqrt(np.maximum(np.minimum(away, 2.0 * diameter) ** 2 - beside**2, 0.0))
-            found[void] = np.maximum(found[void], away - radius)
-            return found + beyond
+            squares = np.minimum(distance, 2.0 * diameter) ** 2 - half_diagonal**2
+            distance = np.sqrt(np.maximum(squares, 0.0))
+            values[band] = np.maximum(values[band], distance - radius)
+            beyond_faces = field(x) - field(inside)
+            return values + beyond_faces
 
         return opened
 
-    def blunted(self, field: Field, gap: float) -> Field | None:
-        """A field `rounded` where windows end in points, None if there are none.
-
-        There no disc of the diameter ``gap`` [m] fits in the window, but in other parts of it.
-        """
-        x = self.outline[0]
-        open_ = self._free & (field(x) < 0.0)
-        holes = x[open_]
-        fits = cKDTree(x[~open_]).query(holes)[0] >= 0.5 * gap
-        if not np.any(fits):
-            return None
-        ends = holes[cKDTree(holes[fits]).query(holes)[0] > 0.5 * gap + self.spacing]
-        if not len(ends):
-            return None
-        tree, rounded = cKDTree(ends), self.rounded(field, gap)
-
-        def ended(x: Array) -> Array:
-            found = field(x)
-            away = tree.query(x, distance_upper_bound=gap)[0]
-            near = np.flatnonzero(np.isfinite(away))
-            found[near] = np.maximum(found[near], np.minimum(rounded(x[near]), gap - away[near]))
-            return found
-
-        return ended
-
     def thickened(self, field: Field, centers: Array, thickness: float) -> Field:
         """A field with balls of a diameter [m] at centres (n, 3), moved off the body's sides."""
-        tree = cKDTree(self.outline[0])
+        tree = cKDTree(self.outline.points)
         for _ in range(_SIDES):
-            near = tree.query(centers)[1]
-            normal = self.outline[1][near]
-            depth = np.einsum("nd,nd->n", centers - self.outline[0][near], normal)
-            centers = centers + np.maximum(0.5 * thickness - depth, 0.0)[:, None] * normal
-        balls = cKDTree(centers)
-        return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
+            nearest = tree.query(centers)[1]
+            normals = self.outline.normals[nearest]
+            depth = np.einsum("nd,nd->n", centers - self.outline.points[nearest], normals)
+            missing_depth = np.maximum(0.5 * thickness - depth, 0.0)
+            centers = centers + missing_depth[:, None] * normals
+        return _with_balls(field, centers, thickness)
 
 
-def contour(
-    field: Field, low: Array, high: Array, spacing: float | Array, level: float = 0.0
-) -> Array:
-    """Points at which a field has a level, on a grid with at most a spacing, (n, 3) [m]."""
-    import pyvista  # takes a while
-
-    counts = np.ceil((high - low) / spacing - 1e-9).astype(int) + 1
-    apart = (high - low) / (counts - 1)
-    nodes = low + apart * np.indices(counts).reshape(3, -1).T
-    grid = pyvista.ImageData(dimensions=tuple(counts), origin=low, spacing=apart)
-    values = np.asarray(field(nodes)).reshape(counts).ravel(order="F")
-    return np.asarray(grid.contour([level], scalars=values).points, dtype=np.float64)
+def _with_balls(field: Field, centers: Array, diameter: float) -> Field:
+    """A field that is positive in balls of a diameter [m] at centres (n, 3), too."""
+    tree = cKDTree(centers)
+    return lambda x: np.maximum(field(x), 0.5 * diameter - tree.query(x)[0])
 
 
-def _beside(balls: Balls, chosen: Integers, reach: float, widens: float) -> Mask:
+def _as_walls(balls: Balls, radius: Array, moves: Mask, numbers: Integers) -> Walls:
+    """The walls of some balls with these radii (n,) [m], each from a sample that ``moves`` (n,)."""
+    ends = balls.ends[numbers]
+    point_numbers = np.where(moves[numbers], numbers, ends)
+    end_numbers = np.where(moves[numbers], ends, numbers)
+    return Walls(
+        points=balls.points[point_numbers],
+        inward=balls.normals[point_numbers],
+        ends=balls.points[end_numbers],
+        across=balls.normals[end_numbers],
+        moving=moves[end_numbers],
+        thickness=2.0 * radius[numbers],
+    )
+
+
+def _is_in_wedge(balls: Balls, chosen: Integers, reach: float, widens: float) -> Mask:
     """Mask of the chosen balls that are in a wedge: larger ones are near them, shape (n,).
 
-    ``widens`` is the growth of the radii along a wedge.
+    ``widens`` is the growth of the radii along a wedge, the ``reach`` how near those are [m].
     """
-    found = np.zeros(len(balls.radius), dtype=bool)
+    in_wedge = np.zeros(len(balls.radius), dtype=bool)
     if not len(chosen):
-        return found
+        return in_wedge
     centers, tree = balls.centers, cKDTree(balls.centers)
-    for number, near in zip(chosen, tree.query_ball_point(centers[chosen], reach), strict=True):
-        away = np.linalg.norm(centers[near] - centers[number], axis=1)
-        found[number] = np.any(
-            balls.radius[near] - balls.radius[number] > widens * away + 1e-9 * reach
-        )
-    return found
+    neighbours_of_chosen = tree.query_ball_point(centers[chosen], reach)
+    for number, neighbours in zip(chosen, neighbours_of_chosen, strict=True):
+        distance = np.linalg.norm(centers[neighbours] - centers[number], axis=1)
+        growth = balls.radius[neighbours] - balls.radius[number]
+        in_wedge[number] = np.any(growth > widens * distance + 1e-9 * reach)
+    return in_wedge
 
 
-def _within(x: Array, places: Array | None, distance: float) -> Mask:
-    """Which points are up to a distance from any of some places, all if these are None."""
+def _is_near(x: Array, places: Array | None, distance: float) -> Mask:
+    """Whether points are up to a distance from any of some places, all if these are None."""
     if places is None or not len(x):
         return np.ones(len(x), dtype=bool)
     if not len(places):
@@ -289,15 +352,21 @@ def _within(x: Array, places: Array | None, distance: float) -> Mask:
     return np.asarray(np.isfinite(cKDTree(places).query(x, distance_upper_bound=distance)[0]))
 
 
-def _samples(body: Tetrahedra, chosen: Mask, spacing: float) -> tuple[Array, Array]:
-    """Points of the sides of chosen tetrahedra, and normals inwards, (n, 3) each."""
+def _samples(body: Tetrahedra, chosen: Mask, spacing: float) -> Samples:
+    """Samples of the sides of the chosen tetrahedra."""
     faces, _, _ = outer_faces(body.cells[chosen])
     corners = body.points[faces]
-    points, number = spread(corners, 2.0 * spacing)
+    points, face = spread(corners, 2.0 * spacing)
     a, b, c = np.moveaxis(corners, 1, 0)
-    return points, -_unit(np.cross(b - a, c - a))[number]
+    return Samples(points, -_unit(np.cross(b - a, c - a))[face])
 
 
-def _unit(vectors: Array) -> Any:
+def _joined(*samples: Samples) -> Samples:
+    points, normals = (np.concatenate(arrays) for arrays in zip(*samples, strict=True))
+    return Samples(points, normals)
+
+
+def _unit(vectors: Array) -> Array:
     """Vectors scaled to length one, (n, 3)."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, 1e-300))

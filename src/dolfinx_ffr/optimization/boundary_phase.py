@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 
 from .. import validation
 from ..arrays import Array
-from ..boundary import Boundary, BoundaryOptions, Surface
+from ..boundary import Boundary, StepOptions, Surface
 from ..objective import is_stress
 from ..parallel import nearly_equal
 from ..part import TURN, PartViolation, PartWarning
@@ -62,12 +62,11 @@ def move_boundary(
     gaps and radii are linear constraints of the step. Before the first step and every fifth one
     after it, struts are inserted across holes of a body in the plane if psi falls by them, and
     windows in walls of a solid; struts that carry little are removed on trial, and crossings slide
-    as a whole. Every five
-    steps normal modes are added where they do not suffice. Ctrl-C ends the run after the step at
-    hand.
+    as a whole. Every five steps normal modes are added where they do not suffice. Ctrl-C ends the
+    run after the step at hand.
 
-    The result is told by finer meshes. Where these exceed a bound that those of the steps keep, it
-    is tightened by the difference, and four more steps follow, up to three times.
+    The result is evaluated on finer meshes. A bound that is violated there, but not on the meshes
+    of the steps, is tightened by the difference, and four more steps follow, up to three times.
 
     Args:
         problem: The problem for which the parts were designed.
@@ -125,7 +124,7 @@ def moved(
     geometry = geometry_of(problem)
     for name in names:
         expected = geometry.boundary_type, geometry.type_name
-        validation.instance(f"boundary: that of {name!r}", boundaries[name], *expected)
+        validation.instance(f"boundary of {name!r}", boundaries[name], *expected)
     shares = volume if isinstance(volume, Mapping) else dict.fromkeys(names, volume)
     bounds = {}
     for name, most in shares.items():
@@ -134,13 +133,13 @@ def moved(
             bounds[name] = validation.number("boundary: volume", most, above=0.0, most=1.0)
     if size is not None:
         validation.number("boundary: size", size, above=0.0, unit="m")
-    sizes = {n: geometry.size(boundaries[n], size) for n in names}
+    sizes = {n: geometry.cell_size(boundaries[n], size) for n in names}
     others = {n: validation.numbers(f"boundary: {n}", x) for n, x in (variables or {}).items()}
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
     turn = TURN if any(map(is_stress, objectives)) else math.inf
     descent = Descent(
-        problem, bounds, sizes, others, turn, of_stress(problem, geometry.options.stress_margin)
+        problem, bounds, sizes, others, turn, of_stress(problem, geometry.steps.stress_margin)
     )
     ordered = {name: boundaries[name] for name in names}
 
@@ -148,12 +147,12 @@ def moved(
         return CurveSteps(replace(descent, tell=show), ordered, steps, mode_tolerance, state)
 
     run = Run(ranks_of(problem), steps, "step", progress, "boundary")
-    phase = BoundaryPhase(run, steps, CurveSteps.identity(ordered), checkpoint, geometry.options)
+    phase = BoundaryPhase(run, steps, CurveSteps.identity(ordered), checkpoint, geometry.steps)
     return phase.result(steps_from)
 
 
 class BoundaryPhase:
-    """The steps of boundaries after those of densities, with all that goes with them.
+    """The steps of boundaries with their progress, history, checkpoint and result.
 
     Args:
         run: Progress, and the user's wish to stop.
@@ -169,7 +168,7 @@ class BoundaryPhase:
         steps: int,
         identity: Mapping[str, Array],
         checkpoint: Checkpoint | None,
-        options: BoundaryOptions,
+        options: StepOptions,
     ) -> None:
         self._options = options
         self._run, self._steps, self._identity = run, steps, identity
@@ -181,7 +180,7 @@ class BoundaryPhase:
         self._materials: dict[str, list[BaseGeometry]] = {}
 
     def result(self, steps_from: MakeSteps) -> BoundaryResult:
-        """The best boundaries of all steps, told by finer meshes; collective."""
+        """The best boundaries of all steps, evaluated on finer meshes; collective."""
         run, more = self._run, self._options.more_steps
         with run.running():
             trials = count(1)
@@ -293,8 +292,8 @@ class BoundaryPhase:
 
 def _part_violations(trial: BoundaryTrial) -> dict[str, PartViolation]:
     """Violations of required sizes and rims by the parts of a trial, by name."""
-    sizes = {name: (asked.member, asked.gap) for name, asked in trial.asked.items()}
-    rims = {name: (asked.rim, asked.member) for name, asked in trial.asked.items()}
+    sizes = {name: (minimum.member, minimum.gap) for name, minimum in trial.asked.items()}
+    rims = {name: (minimum.rim, minimum.member) for name, minimum in trial.asked.items()}
     return part_violations(trial.problem, trial.parts, sizes, rims)
 
 
@@ -316,12 +315,12 @@ def _warn_of_missing(
     for violation, about in missing.items():
         texts.append(f"{violation.partition(':')[0]!r}: {about.message}")
     if change > steps.mesh_tolerance:
-        what = (
+        accuracy = (
             f"psi still changes by {change:.1%} on the finest mesh, whose value is reported"
             if math.isfinite(change)
-            else "psi is that of the mesh of the steps, as no finer one could be made"
+            else "psi belongs to the mesh of the steps, as no finer mesh could be made"
         )
-        texts.append(f"{what}: take smaller cells of the body, or a smaller size")
+        texts.append(f"{accuracy}: take smaller cells of the body, or a smaller size")
     texts += steps.remarks(trial)
     for text in texts:
         warnings.warn(f"boundary: {text}", PartWarning, stacklevel=5)

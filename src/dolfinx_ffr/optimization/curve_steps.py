@@ -19,7 +19,7 @@ from .descent import NONE, Descent, Slopes, Step, Trial
 from .enough_modes import EVERY, chosen_methods, with_methods
 from .signed_log import SignedLog
 from .stepper import FEASIBLE, numbers_by_name, safety_margins, with_prefix, without_prefix
-from .topology import changed, shifted
+from .topology import changed, with_slides
 from .trial_failed import TrialFailed
 
 Boundaries = dict[str, Boundary | Surface]
@@ -58,8 +58,8 @@ class CurveSteps(Iterator[Trial]):
         self._mode_tolerance = mode_tolerance
         self._first_modes = {n: body.modes for n, body in descent.problem.flexible.items()}
         self._descent = descent
-        self._options = descent.geometry.options
-        self._reach, self._weight = self._options.first, self._options.penalty
+        self._options = descent.options
+        self._reach, self._weight = self._options.longest, self._options.penalty
         self._margin, self._secants = 0.0, NONE
         if state is None:
             self._begin(boundaries)
@@ -87,13 +87,13 @@ class CurveSteps(Iterator[Trial]):
         inserted = removed = 0
         if number % EVERY == 1 and number < max(self.planned - 1, 2):
             slopes, inserted, removed = self._change_topology(slopes)
-        after, step, rejected = self._accepted(slopes)
-        if after is None or step is None:
+        next_trial, step, rejected = self._accepted(slopes)
+        if next_trial is None or step is None:
             raise StopIteration
-        self._adapt(after, step)
+        self._adapt(next_trial, step)
         self.trial.release()
-        self._secants = self._descent.secants(self._secants, self.trial, slopes, after)
-        self.trial = after
+        self._secants = self._descent.secants(self._secants, self.trial, slopes, next_trial)
+        self.trial = next_trial
         if number % EVERY == 0 or number == self.last:
             self._check_modes()
         if self.rank(self.trial) <= self.rank(self.best):
@@ -114,7 +114,8 @@ class CurveSteps(Iterator[Trial]):
             slopes = self._descent.slopes(trial, self._margin)
             self._reach, self._secants = max(self._reach, self._options.reach_again), NONE
         before, slopes_before = trial, slopes
-        trial, slopes = shifted(self._descent, trial, slopes, step.bound_multipliers, self._weight)
+        multipliers = step.bound_multipliers
+        trial, slopes = with_slides(self._descent, trial, slopes, multipliers, self._weight)
         if trial is not before:
             before.release()
             self._secants = self._descent.secants(self._secants, before, slopes_before, trial)
@@ -122,40 +123,41 @@ class CurveSteps(Iterator[Trial]):
         return slopes, inserted, removed
 
     def _accepted(self, slopes: Slopes) -> tuple[Trial | None, Step | None, int]:
-        """The first trial that is accepted, its step, and how many were taken back."""
-        stressed, rejected = self._descent.is_stressed, 0
-        while self._reach >= self._options.shortest:
+        """The first trial that is accepted, its step, and how many were rejected."""
+        options, rejected = self._options, 0
+        while self._reach >= options.shortest:
             step = self._descent.step(self.trial, slopes, self._reach, self._secants)
-            self._weight = max(
-                self._weight, self._options.penalty * float(np.sum(step.bound_multipliers))
-            )
-            after = self._descent.moved(self.trial, step)
-            merits = [trial.merit(self._weight) for trial in (self.trial, self.best)]
-            if after is not None and not self._descent.geometry.worse(
-                after.merit(self._weight), *merits
-            ):
-                return after, step, rejected
-            # shorter steps change the largest stress less than another mesh does
-            if after is not None and stressed and self._reach <= self._options.stress_reach:
-                return after, step, rejected
+            multipliers = float(np.sum(step.bound_multipliers))
+            self._weight = max(self._weight, options.penalty * multipliers)
+            trial = self._descent.moved(self.trial, step)
+            if trial is not None and self._accepts(trial):
+                return trial, step, rejected
             self._reach, rejected = 0.5 * self._reach, rejected + 1
         return None, None, rejected
 
-    def _adapt(self, after: Trial, step: Step) -> None:
+    def _accepts(self, trial: Trial) -> bool:
+        """Whether a step to a trial is accepted."""
+        merits = [t.merit(self._weight) for t in (trial, self.trial, self.best)]
+        if not self._options.rejects(*merits):
+            return True
+        # shorter steps change the largest stress less than a new mesh does
+        return self._descent.is_stressed and self._reach <= self._options.stress_reach
+
+    def _adapt(self, next_trial: Trial, step: Step) -> None:
         """Choose the reach of the next step, and by how much bounds are tightened."""
         # one that brings little of what it promises by its curvature was too long
         promised = (
             self._options.promised_share * max(0.0, step.promised) if self._secants.size else 0.0
         )
-        better = after.merit(self._weight) < self.trial.merit(self._weight) - promised
+        better = next_trial.merit(self._weight) < self.trial.merit(self._weight) - promised
         options = self._options
         factor = options.longer if better else options.shorter
         self._reach = min(self._reach * factor, options.longest)
         if self._descent.is_stressed:
             self._reach = max(self._reach, self._options.stress_reach)
             # the largest stress is always a little more than its slopes say
-            if after.violation > FEASIBLE:
-                self._margin += options.tightening * after.violation
+            if next_trial.violation > FEASIBLE:
+                self._margin += options.tightening * next_trial.violation
             else:
                 self._margin -= 0.5 * options.tightening * self._margin
             self._margin = min(self._margin, options.largest_margin)

@@ -18,13 +18,13 @@ from shapely.geometry.base import BaseGeometry
 
 from ..arrays import Array
 from ..boundary import (
-    CURVES,
+    PLANE_STEPS,
     Boundary,
     BoundaryGeometry,
-    BoundaryOptions,
     PlaneGeometry,
     Rows,
     SpatialGeometry,
+    StepOptions,
     Surface,
     best_step,
     curvature,
@@ -46,6 +46,8 @@ _GEOMETRIES: dict[int, BoundaryGeometry[Any]] = {2: PlaneGeometry(), 3: SpatialG
 
 #: Nothing is known by steps, as before the first one
 NONE = np.zeros((2, 0, 0))
+#: From derivatives by nodes, by body, to those by the offsets of all boundaries, (offsets,)
+Pullback = Callable[[Mapping[str, Array] | None], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +72,12 @@ class Trial:
 
     @property
     def materials(self) -> dict[str, BaseGeometry]:
-        """The same as polygons [m], by body in the plane."""
-        materials = {name: boundary.material for name, boundary in self.boundaries.items()}
-        return {name: shape for name, shape in materials.items() if shape is not None}
+        """The parts as polygons [m], by body in the plane."""
+        return {
+            name: boundary.material
+            for name, boundary in self.boundaries.items()
+            if isinstance(boundary, Boundary)
+        }
 
     @property
     def asked(self) -> dict[str, AskedSizes]:
@@ -96,14 +101,14 @@ class Trial:
 
     @property
     def violation(self) -> float:
-        """Largest violation of what the steps keep, at least zero."""
+        """Largest violation of the constraints with their safety margins, at least zero."""
         return max(0.0, *self.with_margins.values()) if self.violations else 0.0
 
     def merit(self, bound_weight: float) -> float:
         """Logarithm of psi, of any sign, and the largest violations with their weights."""
-        rows = [*self.sizes.values(), *self.radii.values()]
-        narrow = max((float(np.max(part.values, initial=0.0)) for part in rows), default=0.0)
-        return self.without_sizes(bound_weight) + self.size_penalty * narrow
+        constraints = [*self.sizes.values(), *self.radii.values()]
+        largest = [float(np.max(rows.values, initial=0.0)) for rows in constraints]
+        return self.without_sizes(bound_weight) + self.size_penalty * max(largest, default=0.0)
 
     def without_sizes(self, bound_weight: float) -> float:
         """The merit without sizes, which steps mend where a strut has gone."""
@@ -116,8 +121,8 @@ class Trial:
     @property
     def size_violation(self) -> float:
         """The largest share by which a member, gap or radius is below its minimum."""
-        rows = (*self.sizes.values(), *self.radii.values())
-        return max((part.size_violation for part in rows), default=0.0)
+        constraints = (*self.sizes.values(), *self.radii.values())
+        return max((rows.size_violation for rows in constraints), default=0.0)
 
     def release(self) -> None:
         """Free the matrices of its bodies, which would stay beside those of others."""
@@ -145,11 +150,11 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Derivatives by the offsets of the orbits along their normals, in minimum members."""
+    """Derivatives by the offsets of all boundaries, in minimum members."""
 
-    psi: Array  #: Of log psi, of any sign, (orbits,)
+    psi: Array  #: Of log psi, of any sign, (offsets,)
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
-    slopes: Array | csr_matrix  #: Their derivatives, (m, orbits)
+    slopes: Array | csr_matrix  #: Their derivatives, (m, offsets)
     bounds: int  #: Number of bounds
     evaluation: Evaluation  #: With the gradients
 
@@ -179,9 +184,9 @@ class Descent:
         return geometry_of(self.problem)
 
     @property
-    def options(self) -> BoundaryOptions:
+    def options(self) -> StepOptions:
         """Numbers of the steps."""
-        return self.geometry.options
+        return self.geometry.steps
 
     def point(
         self, problem: Problem, boundaries: Mapping[str, Boundary | Surface]
@@ -240,66 +245,85 @@ class Descent:
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial."""
-        bodies, boundaries = trial.problem.flexible, trial.boundaries
         problem, evaluated = trial.problem.adapted(trial.evaluation, parted)
         evaluation = problem.differentiate(evaluated, nodes=True, densities=False)
+        by_offsets = self._pullback(trial)
+        psi = trial.logarithm.slope(evaluation.psi) * by_offsets(evaluation.nodes)
+
+        size_values, size_slopes = self._size_constraints(trial)
+        case_values, case_slopes = self._cases_below(trial, evaluation, by_offsets)
+        bound_values, bound_slopes = self._bounds(trial, evaluation, by_offsets, margin)
+        rows = [*(slope - psi for slope in case_slopes), *bound_slopes]
+        return Slopes(
+            psi,
+            np.concatenate([*size_values, case_values, bound_values]),
+            _stacked([*size_slopes, *(row[None] for row in rows)]),
+            len(bound_slopes),
+            evaluation,
+        )
+
+    def _pullback(self, trial: Trial) -> Pullback:
+        """From derivatives by the nodes of all bodies to those by offsets in minimum members."""
+        bodies, boundaries = trial.problem.flexible, trial.boundaries
         motions = {n: self.geometry.motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
-        def along(nodes: Mapping[str, Array] | None) -> Array:
+        def by_offsets(nodes: Mapping[str, Array] | None) -> Array:
             assert nodes is not None
-            parts = []
-            for name, boundary in boundaries.items():
-                bar = np.zeros(boundary.n_controls)
-                if name in nodes:
-                    by_control = motions[name].pullback(nodes[name])
-                    bar = np.einsum("kd,kd->k", by_control, boundary.normals)
-                parts.append(boundary.member * (boundary.expansion.T @ bar))
-            return np.concatenate(parts)
-
-        def by_orbits(rows: dict[str, Rows]) -> Array | csr_matrix:
-            blocks = [b.member * (rows[n].slopes @ b.expansion) for n, b in boundaries.items()]
-            if issparse(blocks[0]):
-                return csr_matrix(sparse_block_diag(blocks))
-            return block_diag(*blocks)
-
-        bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
-        violations = []
-        for name, bound in evaluation.constraints.items():
-            # each place of a bound keeps the margin of that bound
-            margins = [
-                value
-                for whole, value in trial.margins.items()
-                if name == whole or name.startswith(f"{whole}, part")
+            slopes = [
+                b.member * motions[n].pullback(nodes[n]) if n in nodes else np.zeros(b.n_offsets)
+                for n, b in boundaries.items()
             ]
-            violations.append(float(bound.violation) + max(margins, default=0.0) + margin)
-        violations += [trial.with_margins[f"volume of {name}"] for name in self.volume]
-        for name, bound_share in self.volume.items():
-            body = bodies[name]
-            areas = body.measures_pullback(evaluation.bodies[name].density, None)
-            bounds.append(along({name: areas}) / (bound_share * boundaries[name].body.area))
-        psi = trial.logarithm.slope(evaluation.psi) * along(evaluation.nodes)
-        below, slopes_of_cases = self._cases_below(trial, evaluation, along)
+            return np.concatenate(slopes)
+
+        return by_offsets
+
+    def _size_constraints(self, trial: Trial) -> tuple[list[Array], list[Array | csr_matrix]]:
+        """Values and slopes of constraints on members and gaps, on radii, and on positions."""
+        boundaries = trial.boundaries
         # no offset is longer than 1.5 times that of the step
         longest = 1.5 * self.options.longest
         positions = {
             n: self.geometry.position_rows(b, longest * b.member) for n, b in boundaries.items()
         }
-        geometric = (trial.sizes, trial.radii, positions)
-        values = [rows.values for by_body in geometric for rows in by_body.values()]
-        rows = [*(row - psi for row in slopes_of_cases), *bounds]
-        return Slopes(
-            psi,
-            np.concatenate([*values, below, violations]),
-            _stacked([*map(by_orbits, geometric), *(row[None] for row in rows)]),
-            len(bounds),
-            evaluation,
-        )
+        values: list[Array] = []
+        slopes: list[Array | csr_matrix] = []
+        for rows_of_bodies in (trial.sizes, trial.radii, positions):
+            values += [rows.values for rows in rows_of_bodies.values()]
+            blocks = [b.member * rows_of_bodies[n].slopes for n, b in boundaries.items()]
+            if issparse(blocks[0]):
+                slopes.append(csr_matrix(sparse_block_diag(blocks)))
+            else:
+                slopes.append(block_diag(*blocks))
+        return values, slopes
+
+    def _bounds(
+        self, trial: Trial, evaluation: Evaluation, by_offsets: Pullback, margin: float
+    ) -> tuple[list[float], list[Array]]:
+        """Violations with their margins, and slopes, of constraints and of volumes."""
+        values: list[float] = []
+        slopes: list[Array] = []
+        for name, bound in evaluation.constraints.items():
+            # each place of a bound keeps the margin of that bound
+            margins = [
+                bound_margin
+                for bound_name, bound_margin in trial.margins.items()
+                if name == bound_name or name.startswith(f"{bound_name}, part")
+            ]
+            values.append(float(bound.violation) + max(margins, default=0.0) + margin)
+            slopes.append(by_offsets(bound.nodes))
+        for name, bound_share in self.volume.items():
+            values.append(trial.with_margins[f"volume of {name}"])
+            body = trial.problem.flexible[name]
+            by_nodes = body.measures_pullback(evaluation.bodies[name].density, None)
+            area = bound_share * trial.boundaries[name].body.area
+            slopes.append(by_offsets({name: by_nodes}) / area)
+        return values, slopes
 
     def _cases_below(
         self,
         trial: Trial,
         evaluation: Evaluation,
-        along: Callable[[Mapping[str, Array] | None], Array],
+        by_offsets: Pullback,
     ) -> tuple[Array, list[Array]]:
         """By how much other load cases are below the worst one, where that is minimised.
 
@@ -312,12 +336,14 @@ class Descent:
         psi = {name: case.psi for name, case in cases.items()}
         weighted, logarithm = combine.weighted(psi), trial.logarithm
         worst = max(weighted, key=lambda name: weighted[name])
-        others = [name for name in combine.near(psi) if name != worst]
-        below = [logarithm.value(weighted[n]) - logarithm.value(weighted[worst]) for n in others]
-        slopes = [
-            combine.weight(n) * logarithm.slope(weighted[n]) * along(cases[n].nodes) for n in others
-        ]
-        return np.array(below), slopes
+        values, slopes = [], []
+        for name in combine.near(psi):
+            if name == worst:
+                continue
+            values.append(logarithm.value(weighted[name]) - logarithm.value(weighted[worst]))
+            weight = combine.weight(name) * logarithm.slope(weighted[name])
+            slopes.append(weight * by_offsets(cases[name].nodes))
+        return np.array(values), slopes
 
     def step(self, trial: Trial, slopes: Slopes, reach: float, earlier: Array = NONE) -> Step:
         """The best step, the longest offset of which is ``reach`` minimum members.
@@ -326,17 +352,13 @@ class Descent:
         """
         boundaries = trial.boundaries
         options = self.options
-        smooth = CURVES.smooth if self.is_stressed else options.smooth
-        metrics, fixed_orbits = [], []
-        for boundary in boundaries.values():
-            expansion = boundary.expansion
-            metrics.append(expansion.T @ boundary.metric(smooth * boundary.member) @ expansion)
-            fixed_orbits.append(expansion.T @ boundary.fixed > 0)
-        metric, fixed = csc_matrix(sparse_block_diag(metrics)), np.concatenate(fixed_orbits)
-        constraints, curved = (
-            (slopes.values, slopes.slopes),
-            curvature(metric, earlier, slopes.psi, options.curvature_share),
-        )
+        # where a stress counts, steps are as smooth in space as in the plane
+        smooth = PLANE_STEPS.smooth if self.is_stressed else options.smooth
+        metrics = [boundary.metric(smooth * boundary.member) for boundary in boundaries.values()]
+        metric = csc_matrix(sparse_block_diag(metrics))
+        fixed = np.concatenate([boundary.fixed_offsets for boundary in boundaries.values()])
+        constraints = slopes.values, slopes.slopes
+        curved = curvature(metric, earlier, slopes.psi)
         # round-off may decide which constraints a step is bounded by
         step = on_rank_0(
             ranks_of(self.problem),
@@ -344,9 +366,9 @@ class Descent:
         )
         offsets, start = {}, 0
         for name, boundary in boundaries.items():
-            count, shares = boundary.expansion.shape[1], boundary.expansion
-            offsets[name] = boundary.member * (shares @ step.offsets[start : start + count])
-            start += count
+            end = start + boundary.n_offsets
+            offsets[name] = boundary.member * step.offsets[start:end]
+            start = end
         multipliers = step.multipliers[len(step.multipliers) - slopes.bounds :]
         return Step(offsets, multipliers, step.promised)
 
@@ -357,7 +379,7 @@ class Descent:
         that load case, is another one after each step, and differences of gradients tell nothing.
         """
         displacements = [
-            self.geometry.normal_displacement(b, after.boundaries[n])
+            self.geometry.offsets_between(b, after.boundaries[n]) / b.member
             for n, b in before.boundaries.items()
         ]
         motion = np.concatenate(displacements)
@@ -367,7 +389,7 @@ class Descent:
         return secants(earlier, motion, slopes.psi, self.options.secants)
 
     def moved(self, trial: Trial, step: Step) -> Trial | None:
-        """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
+        """The trial after a step, None if no mesh fits it or it cannot be simulated."""
         try:
             with shaping():
                 moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
@@ -408,11 +430,11 @@ class Descent:
 
     def with_drawn_sizes(self, trial: Trial) -> Trial:
         """The trial whose drawn boundaries have the minimum sizes, if it can be simulated."""
-        before = trial.boundaries
         boundaries = {
-            name: self.geometry.with_drawn_sizes(boundary) for name, boundary in before.items()
+            name: self.geometry.with_drawn_sizes(boundary)
+            for name, boundary in trial.boundaries.items()
         }
-        if all(boundaries[name] is before[name] for name in before):
+        if all(boundaries[name] is boundary for name, boundary in trial.boundaries.items()):
             return trial
         try:
             return self.trial_of(boundaries)
@@ -420,9 +442,9 @@ class Descent:
             return trial
 
     def finer(self, trial: Trial) -> tuple[Trial, float]:
-        """The same on such meshes, if these can be made, and how much psi changed at last.
+        """The trial on finer meshes, if these can be made, and the last relative change of psi.
 
-        They are made finer and finer until psi stands still.
+        Meshes are refined until psi has converged.
         """
         change, repaired = math.inf, self.with_drawn_sizes(trial)
         if repaired is not trial:
@@ -445,13 +467,13 @@ class Descent:
 class Step:
     """A step of all boundaries."""
 
-    offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
+    offsets: dict[str, Array]  #: Of the boundaries, by body [m]
     bound_multipliers: Array  #: Multipliers of constraints and volumes, in units of log psi
     promised: float  #: Fall of log psi by its slopes and the curvature that is known
 
 
 def parted(
-    problem: MechanicalProblem, response: Response, fall: float = CURVES.stress_fall
+    problem: MechanicalProblem, response: Response, fall: float = PLANE_STEPS.stress_fall
 ) -> MechanicalProblem:
     """The problem with parts of its constraints, and with bounds on parts of a largest stress.
 

@@ -45,9 +45,8 @@ def with_moved_boundaries(
 ) -> Result:
     """The result of a run, and that of ``steps`` of the boundaries of its parts.
 
-    They are kept in a ``checkpoint``, from which a run that is resumed goes on.
-
-    Errors of files go on. Any other one, of the program too, leaves the result as it is.
+    Each step is stored in a ``checkpoint``, from which a resumed run continues. Errors of files are
+    raised. After any other one, even a bug, the result of the densities is returned with a warning.
     """
     designs = {n: part for n, part in result.designs.items() if isinstance(part, Design)}
     bound = {name: result.bounds.get(name, 1.0) for name in designs}
@@ -85,7 +84,7 @@ def _drawn(
     boundaries: dict[str, Boundary | Surface] = {}
     for name, design in designs.items():
         with warnings.catch_warnings():
-            # the steps begin without loose pieces, and psi that is told is without them
+            # the steps begin without loose pieces, and the psi of their result is without them
             warnings.simplefilter("ignore", LoosePieceWarning)
             part = parts[name] = _rough_part(result, name)
         mirrors = design.mirrors if isinstance(design, LevelSet) else ()
@@ -122,17 +121,17 @@ def with_checked_parts(
     unmoved: bool = False,
     progress: bool = False,
 ) -> Result:
-    """The result, and as violations that no part comes of a design, or what it lacks.
+    """The result with a violation for each design that encloses no part, and for flaws of parts.
 
-    Those of the ``parts`` that have been made are given, by name of the body.
+    Flaws are loose pieces, sizes and rims below the minimum that the user gave, struts that end
+    free, and material outside of a body with drawn holes. A sharp level set may have loose pieces
+    where elements are wider than the gaps beside them: they are not in the part, but psi counts
+    them.
 
-    Designs that have not become as sharp as they may are gray, which is said elsewhere; they are
-    looked at where their boundaries could not be moved (``unmoved``). There the parts are verified
-    if the problem has constraints, as densities tell little of the stress of parts. Loose pieces
-    are not in the part, and psi counts them: a level set that is sharp may have them where elements
-    are wider than the gaps beside them. Minimum sizes that were asked for are measured, and struts
-    that end free are looked for. Of bodies with holes in their drawing, what lies outside of the
-    body is a violation, and a rim of a hole that is thinner than asked for.
+    Only sharp designs are looked at; gray ones have a warning of their own. Where boundaries could
+    not be moved (``unmoved``) all are, and the parts are verified if the problem has constraints,
+    as densities tell little of the stress of parts. ``parts`` that have been made already are given
+    by body.
     """
     sharp = {
         name: design.sharpness >= min(SHARP, design.at(1.0).sharpness)

@@ -7,8 +7,14 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ..boundary import free_ends
-from ..part import Part, PartViolation, Solid, outline_violations, size_violations
+from ..part import (
+    Part,
+    PartViolation,
+    Solid,
+    free_ends,
+    outline_violations,
+    size_violations,
+)
 from ..problem import Problem
 
 

@@ -29,7 +29,7 @@ def changed(
     The ``evaluation`` of the trial with its derivatives, and the ``multipliers`` of its bounds,
     choose what is tried. The value decides: log psi with a ``weight`` of violated bounds.
     """
-    options, inserted, removed = descent.geometry.options, 0, 0
+    options, inserted, removed = descent.options, 0, 0
     struts = first_struts = _struts(descent, trial, evaluation, multipliers)
     while inserted < options.changes:
         better = _with_insertion(descent, trial, struts, weight)
@@ -71,7 +71,7 @@ def _struts(
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
         struts = body.struts(evaluation.bodies[name], bar)
-        if body.domain.sum(struts.carried) > descent.geometry.options.stiff:
+        if body.domain.sum(struts.carried) > descent.options.stiff:
             sensitivities[name] = struts
     return sensitivities
 
@@ -98,10 +98,7 @@ def _with_insertion(
     for name, body_struts in struts.items():
         changes = descent.geometry.with_insertions(trial.boundaries[name], body_struts)
         for other, count in _evaluated(descent, trial, name, changes):
-            if (
-                other.without_sizes(weight)
-                < trial.without_sizes(weight) - descent.geometry.options.worth
-            ):
+            if other.without_sizes(weight) < trial.without_sizes(weight) - descent.options.worth:
                 return other, count
             other.release()
     return None
@@ -122,50 +119,81 @@ def _without_idle_struts(
     return trial, removed
 
 
-def shifted(
+def with_slides(
     descent: Descent, trial: Trial, slopes: Slopes, multipliers: Array, weight: float
 ) -> tuple[Trial, Slopes]:
-    """With crossings of struts slid to where psi is lower, and the slopes there.
+    """Slide crossings of struts to where psi is lower; return the trial and its slopes.
 
-    A first slide tells the curvature along each, and a second one goes by that.
+    A first slide of each crossing shows the curvature, and a second one goes to the minimum.
     """
-    boundaries = {n: b for n, b in trial.boundaries.items() if isinstance(b, Boundary)}
-    motions = {n: slides(b) for n, b in boundaries.items()}
-    if descent.is_stressed or not any(map(len, motions.values())):
+    crossings = _Crossings(trial)
+    if descent.is_stressed or not crossings.count:
         return trial, slopes
-    by_orbits = [
-        np.einsum("skd,kd->sk", motions[n], b.normals) @ b.expansion / b.expansion.sum(axis=0).A1
-        for n, b in boundaries.items()
-    ]
-    by_motions, ends = block_diag(*by_orbits), np.cumsum(list(map(len, by_orbits)))[:-1]
+    options, slope = descent.options, crossings.slope(slopes, multipliers)
+    # of crossings whose slide by a member would bring a tenth of what another change must
+    is_worth_it = np.abs(slope) > 0.1 * options.worth
+    if not np.any(is_worth_it):
+        return trial, slopes
+    lengths = np.where(is_worth_it, -options.slide * np.sign(slope), 0.0)
+    first_trial = crossings.slid(descent, trial, lengths)
+    if first_trial is None:
+        return trial, slopes
 
-    def along(found: Slopes) -> Array:
-        bounds = found.slopes[len(found.values) - found.bounds :]
-        return np.asarray(by_motions @ (found.psi + multipliers @ bounds))
+    first_slopes = descent.slopes(first_trial)
+    change_of_slope = crossings.slope(first_slopes, multipliers) - slope
+    curvature = change_of_slope * lengths / options.slide**2
+    least_curvature = np.abs(slope) / options.slide_reach + 1e-12  # no slide is longer
+    lengths = -slope * is_worth_it / np.maximum(curvature, least_curvature)
+    second_trial = crossings.slid(descent, trial, lengths)
 
-    def slid(lengths: Array) -> Trial | None:
-        each = zip(boundaries.items(), np.split(lengths, ends), strict=True)
+    trials = [trial, first_trial, second_trial or trial]
+    best = min(trials, key=lambda candidate: candidate.without_sizes(weight))
+    if best is trial:
+        return trial, slopes
+    return best, first_slopes if best is first_trial else descent.slopes(best)
+
+
+class _Crossings:
+    """The crossings of struts of a trial's boundaries in the plane, and how they slide."""
+
+    def __init__(self, trial: Trial) -> None:
+        self._boundaries = {
+            name: boundary
+            for name, boundary in trial.boundaries.items()
+            if isinstance(boundary, Boundary)
+        }
+        self._motions = {name: slides(boundary) for name, boundary in self._boundaries.items()}
+        counts = [len(motions) for motions in self._motions.values()]
+        self.count = sum(counts)
+        self._ends = np.cumsum(counts)[:-1]
+
+    def slope(self, slopes: Slopes, multipliers: Array) -> Array:
+        """Slopes of log psi and of the bounds with their ``multipliers`` by each slide."""
+        offsets = [
+            _offsets(boundary, self._motions[name]) for name, boundary in self._boundaries.items()
+        ]
+        bounds = slopes.slopes[len(slopes.values) - slopes.bounds :]
+        return np.asarray(block_diag(*offsets) @ (slopes.psi + multipliers @ bounds))
+
+    def slid(self, descent: Descent, trial: Trial, lengths: Array) -> Trial | None:
+        """The trial after slides by ``lengths`` in minimum members, None if it fails."""
         try:
             with shaping():
-                slopes_there = {
-                    n: b.slid(b.member * np.tensordot(s, motions[n], 1)) for (n, b), s in each
+                boundaries = {
+                    name: boundary.slid(
+                        boundary.member * np.tensordot(body_lengths, self._motions[name], 1)
+                    )
+                    for (name, boundary), body_lengths in zip(
+                        self._boundaries.items(), np.split(lengths, self._ends), strict=True
+                    )
                 }
-            return descent.trial_of({**trial.boundaries, **slopes_there})
+            return descent.trial_of({**trial.boundaries, **boundaries})
         except TrialFailed:
             return None
 
-    options, slope = descent.geometry.options, along(slopes)
-    # of crossings whose slide by a member would bring a tenth of what another change must
-    slides_on = np.abs(slope) > 0.1 * options.worth
-    lengths = np.where(slides_on, -options.slide * np.sign(slope), 0.0)
-    first_slide = slid(lengths) if np.any(lengths) else None
-    if first_slide is None:
-        return trial, slopes
-    slopes_there = descent.slopes(first_slide)
-    bends = (along(slopes_there) - slope) * lengths / options.slide**2
-    least_bends = np.abs(slope) / options.slide_reach + 1e-12
-    second = slid(-slope * slides_on / np.maximum(bends, least_bends))
-    best = min(trial, first_slide, second or trial, key=lambda each: each.without_sizes(weight))
-    if best is second:
-        return second, descent.slopes(second)
-    return (first_slide, slopes_there) if best is first_slide else (trial, slopes)
+
+def _offsets(boundary: Boundary, motions: Array) -> Array:
+    """Offsets of the orbits in ``motions`` (motions, controls, 2), (motions, orbits)."""
+    along_normals = np.einsum("skd,kd->sk", motions, boundary.normals)
+    offsets = [boundary.mean_of_orbits(row) for row in along_normals]
+    return np.array(offsets).reshape(-1, boundary.n_offsets)

@@ -12,6 +12,7 @@ from .enclosed import LoosePieceWarning as LoosePieceWarning
 from .enclosed import PartWarning as PartWarning
 from .figures import BodyFigures as BodyFigures
 from .figures import Figures as Figures
+from .free_ends import free_ends as free_ends
 from .options import STRESSED, TURN
 from .outline_limit import outline_violations as outline_violations
 from .part import LoosePiece as LoosePiece
