@@ -21,7 +21,7 @@ def accuracy_jobs(*, quick: bool) -> list[Job]:
     """The measurements: one process for each choice that a user can make."""
     elements = [40, 4] if quick else [200, 20]
     common = {"elements": elements, "repetitions": 0 if quick else 5}
-    counts: list[int] = [500, 1000, 2000] if quick else [500, 1000, 2000, 4000, 8000, 16000]
+    counts: list[int] = [500, 1000] if quick else [500, 1000, 2000, 4000, 8000, 16000]
     tolerances = [10.0**-k for k in ((4, 8, 11) if quick else range(4, 13))]
     sizes = [1e-2, 1e-3, 1e-4] if quick else [10.0 ** (-0.5 * k) for k in range(3, 13)]
     own = {

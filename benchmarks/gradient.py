@@ -36,7 +36,7 @@ def gradient_jobs(*, quick: bool) -> list[Job]:
     sizes = [(20, 2)] if quick else [(100, 10), (200, 20), (400, 40)]
     own = {
         "elements": (40, 4) if quick else (200, 20),
-        "shares": [0.2, 0.4] if quick else [0.05, 0.1, 0.2, 0.3, 0.4, 0.6],
+        "shares": [0.3] if quick else [0.05, 0.1, 0.2, 0.3, 0.4, 0.6],
         "iterations": 2 if quick else ITERATIONS,
     }
     jobs = [Job("gradient", "approximations", 10.0 if quick else 260.0, own)]

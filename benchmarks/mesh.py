@@ -28,11 +28,11 @@ ROUND_OFF = 1e-10
 def mesh_jobs(*, quick: bool) -> list[Job]:
     """The measurements."""
     how = {"steps": 50 if quick else 1000, "repetitions": 0 if quick else 3}
-    divisions = [[2, 4, 8], [2, 4], [2, 4]] if quick else [[2, 4, 8, 16], [2, 4, 8], [2, 4, 8]]
+    divisions = [[2, 4]] * 3 if quick else [[2, 4, 8, 16], [2, 4, 8], [2, 4, 8]]
     rod = {"divisions": divisions, "finest": 8 if quick else 16, **how}
     short = {"divisions": [[2, 4, 8], [2, 4, 8], [1, 2, 4]]}
-    along = [25, 50, 100] if quick else [25, 50, 100, 200, 400]
-    thin = {"divisions": along, "finest": 100 if quick else 400, **how}
+    along = [25, 50] if quick else [25, 50, 100, 200, 400]
+    thin = {"divisions": along, "finest": 50 if quick else 400, **how}
     return [
         Job("mesh", "refinement", 10.0 if quick else 110.0, rod),
         Job("mesh", "smooth", 3.0 if quick else 15.0, short),

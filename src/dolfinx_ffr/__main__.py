@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     new.add_argument("name", nargs="?", help="of the example; without it they are listed")
     for command in (check, design):
         command.add_argument("file", type=Path, help="scene file, TOML")
-        text = "folder of the results (default: that of the file)"
+        text = "folder of the results (default: as in the file)"
         command.add_argument("--output", type=Path, help=text)
     text = "go on from the checkpoint, as after Ctrl-C"
     design.add_argument("--resume", action="store_true", help=text)

@@ -429,8 +429,8 @@ class MechanicalProblem:
     def with_tolerance(self, bodies: Bodies | Response, tolerance: float) -> MechanicalProblem:
         """The same problem with a method and steps for an accuracy of psi.
 
-        They are chosen at these ``bodies`` as those of a :class:`TimeInterval` are, whatever the
-        integrator has been.
+        They are chosen at these ``bodies`` as a :class:`TimeInterval` chooses, whatever the present
+        integrator is.
 
         Args:
             bodies: As for :meth:`value`.

@@ -42,10 +42,10 @@ SIGNED = {"cosine", "levelset_cosine", "difference", "excess", "error", "above"}
 #: Columns that may hold nothing, where a part has no such place, or ranks no parts
 LEFT_OUT = {"thinnest", "gap", "on_4", "on_16", "on_64"}
 #: Tables and their numbers of rows
-TABLES = """growth 3, growth_exponents 1, growth_parts 3, growth_memory 3, accuracy_steps 3,
-accuracy_tolerance 3, accuracy_differences 3, mesh 14, mesh_orders 6, mesh_smooth 18,
-mesh_smooth_orders 6, mesh_locking 16, modes 12, modes_estimate 10,
-differences 2, gradient 36, gradient_designs 3, gradient_growth 1, integration 22,
+TABLES = """growth 3, growth_exponents 1, growth_parts 3, growth_memory 3, accuracy_steps 2,
+accuracy_tolerance 3, accuracy_differences 3, mesh 12, mesh_orders 6, mesh_smooth 18,
+mesh_smooth_orders 6, mesh_locking 10, modes 8, modes_estimate 10,
+differences 2, gradient 21, gradient_designs 3, gradient_growth 1, integration 22,
 integration_summary 4, integration_damping 10, time_steps 3,
 bound 2, known 1, known_balanced 1, known_value 5, boundary_starts 1,
 boundary_stress_limit 1, boundary_drawn 1, space 3, space_parts 3,

@@ -332,6 +332,31 @@ def test_a_blow_between_the_steps() -> None:
     assert chosen.psi == pytest.approx(psi, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("shape", "ends", "damping"),
+    [
+        pytest.param(lambda u: np.where(u > 0.3, 1.0, 0.0), (0.3,), 400.0, id="sudden load"),
+        pytest.param(lambda u: pulse(u, 0.3, 0.02), (0.3, 0.32), 0.0, id="blow"),
+    ],
+)
+def test_the_estimate_under_a_load_that_nobody_named(
+    shape: Callable[[Array], Array], ends: tuple[float, ...], damping: float
+) -> None:
+    """It is no less than the error, but for a fifth, and no more than five times of it."""
+    end_time, tolerance = 0.05, 1e-3
+    force = ffr.Force(("rod", "right"), 0.0, lambda t: 100.0 * shape(np.asarray(t) / end_time))
+    rubbing = {"rod": ffr.RayleighDamping(damping, 0.0)}
+    mechanism, bodies = steel_cantilever(forces=[force], damping=rubbing)
+    interval = ffr.TimeInterval(end_time, tolerance)
+    problem = ffr.MechanicalProblem(mechanism, interval, ffr.IntegralCompliance())
+    choice = problem.choose_steps(bodies, interval)
+    named = replace(mechanism, jumps=[share * end_time for share in ends])
+    fine = replace(problem, mechanism=named, integrator=ffr.RadauIIA(end_time, steps=3000))
+    error = abs(problem.with_steps(choice).value(bodies).psi / fine.value(bodies).psi - 1.0)
+    assert error <= tolerance
+    assert 0.8 * error <= choice.error <= 5.0 * error
+
+
 def test_steps_between_two_jumps_grow_with_their_number() -> None:
     """Two jumps closer than a step have as many times the steps between them as are asked for."""
     mechanism, bodies = steel_cantilever(jumps=[0.5, 0.502])

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from mpi4py import MPI
 
 import numpy as np
 import pytest
 from shared.derivatives import check_gradient, waves
 from shared.problems import four_bar
-from shared.rods import HELD, rod, ways
+from shared.rods import HELD, STEEL, rod, ways
 
 import dolfinx_ffr as ffr
 
@@ -121,6 +123,21 @@ def test_elements_one_by_one_see_the_densities(comm: MPI.Intracomm) -> None:
     single = ffr.paper.elementwise_gradient(problem, evaluation, cells, progress=False)["rocker"]
     exact = evaluation.gradient["rocker"][single.cells]
     np.testing.assert_allclose(single.values, exact, atol=1e-8 * np.max(np.abs(exact), initial=0.0))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"point_masses": True}, {"point_masses": True, "pinned": ["right"]}],
+    ids=["mass", "mass and bearing"],
+)
+def test_taylor_order_of_frequencies_with_what_hangs_on_the_body(options: dict[str, Any]) -> None:
+    domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.3, 0.02, elements=(12, 2))
+    body = ffr.FlexibleBody(domain, STEEL, frame=ffr.TangentFrame("left"), modes=4)
+    weights = [ffr.PointMass(("rod", "right"), 0.3)]
+    mechanism = ffr.Mechanism({"rod": ffr.Placement()}, point_masses=weights)
+    method = ffr.GeneralizedAlpha(0.1, 2)  # nothing is simulated
+    problem = ffr.Problem({"rod": body}, mechanism, method, ffr.Frequency("rod", **options))
+    check_gradient(problem, waves(problem), {"rod": ways(domain)}, taylor=4e-3)
 
 
 def test_refused_where_there_is_no_density(comm: MPI.Intracomm) -> None:

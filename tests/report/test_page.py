@@ -103,7 +103,7 @@ def test_steps_of_the_boundary(tmp_path: Path) -> None:
         "2 steps have moved the boundary of the part",
         "Narrowest member or gap [mm]",
         "Reported, of the part, on the mesh of its last step",
-        "steps of its boundary have followed, and the reported value is that of the part",
+        "steps of its boundary have followed, and the reported value belongs to the part",
     ):
         assert message in text, message
     assert "of the densities" not in text

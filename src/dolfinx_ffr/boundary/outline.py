@@ -211,7 +211,7 @@ class Boundary:
         return {key: int(start) for key, start in zip(self.free, starts, strict=False)}
 
     def controls_of(self, key: int) -> slice:
-        """The numbers of the controls of a free curve."""
+        """The numbers of the controls of the free curve with the number ``key``."""
         return slice(self.first[key], self.first[key] + len(self.free[key].control))
 
     @property

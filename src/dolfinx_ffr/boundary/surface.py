@@ -54,17 +54,29 @@ class Surface:
 
     Its *offsets* are changes of the coefficients of coarser splines, by which the surface moves
     outwards [m].
+
+    Attributes:
+        origin: The solid whose boundary this is.
+        member: Width of the thinnest member, and of the narrowest gap [m].
+        grid: Grid of the splines of the field.
+        coefficients: Coefficients of the field [m], of the shape of the grid, equal on all ranks.
+        mirrors: Planes about which the surface is its own mirror image.
+        size: Size of the tetrahedra [m].
+        rim: Width of the rim around each hole of the body's drawing [m].
+        rims: The rims of all holes.
+        sides: Sides of the body, on rank 0; None elsewhere.
+        options: Numbers of the method.
     """
 
-    origin: Solid  #: The solid that it was made of
-    member: float  #: Width of the thinnest member, and of the narrowest gap [m]
+    origin: Solid
+    member: float
     grid: SplineGrid
-    coefficients: Array  #: Of the field, of the grid's shape [m], equal on all ranks
-    mirrors: tuple[Mirror, ...]  #: Planes about which the surface is its own mirror image
-    size: float  #: Of the tetrahedra [m]
-    rim: float  #: Width of the rim around each hole of the body's drawing [m]
-    rims: HoleRims  #: The rims themselves
-    sides: Sides | None  #: Sides of the body, on rank 0
+    coefficients: Array
+    mirrors: tuple[Mirror, ...]
+    size: float
+    rim: float
+    rims: HoleRims
+    sides: Sides | None
     options: SurfaceOptions
 
     @staticmethod

@@ -189,42 +189,36 @@ class _Search:
         )
 
     def _begun(self) -> tuple[deque[_Cell], list[float]]:
-        """The equal cells, and the jumps where two of them meet."""
-        ends = [float(end) for end in self.equal]
-        jumps = []
-        inner = np.array([end for end in ends[1:-1] if end not in self.corners])
+        """The equal cells, and the jumps where two of them meet, which neither of them sees."""
+        ends = self.equal.copy()
+        inner = np.flatnonzero(~np.isin(ends[1:-1], self.corners)) + 1
         # two samples on either side of where two cells meet, of all at once
-        numbers = np.searchsorted(self.equal, inner)
-        lengths = np.diff(self.equal)
-        length_before, length_after = lengths[numbers - 1], lengths[numbers]
-        steps = np.stack(
-            [-1.5 * length_before, -0.5 * length_before, 0.5 * length_after, 1.5 * length_after],
-            axis=1,
-        )
-        times = inner[:, None] + steps / self.count
+        before, after = np.diff(ends)[inner - 1], np.diff(ends)[inner]
+        spacings = np.stack([-1.5 * before, -0.5 * before, 0.5 * after, 1.5 * after], axis=1)
+        times = ends[inner, None] + spacings / self.count
         samples = self.sampled(times.ravel()).reshape(*times.shape, -1)
-        for number, t, values in zip(numbers, times, samples, strict=True):
-            changes = np.max(np.abs(np.diff(values, axis=0)), axis=1, initial=0.0)
-            change, usual = changes[1], max(changes[0], changes[2])
-            if change > max(SAMPLING.resolved, SAMPLING.times_the_usual * usual):
-                jump = self._located(t[1], t[2], values[1], values[2], change)
+
+        jumps = []
+        for number, t, values in zip(inner, times, samples, strict=True):
+            before_it, at_it, behind_it = _changes(values)
+            if _may_jump(at_it, max(before_it, behind_it)):
+                jump = self._located(t[1], t[2], values[1], values[2], at_it)
                 if jump is not None:
                     ends[number] = jump
                     jumps.append(jump)
         self.corners += jumps
-        return deque(_Cell(a, b) for a, b in pairwise(ends)), jumps
+        return deque(_Cell(begin, end) for begin, end in pairwise(ends.tolist())), jumps
 
-    def _jump(self, a: float, b: float, samples: Array) -> float | None:
+    def _jump(self, begin: float, end: float, samples: Array) -> float | None:
         """The time just before the largest jump within a cell, if there is one."""
-        changes = np.max(np.abs(np.diff(samples, axis=0)), axis=1, initial=0.0)
+        changes = _changes(samples)
         k = int(np.argmax(changes))
         # what changes as fast in many places is no jump
-        usual = float(np.quantile(changes, 0.9))
-        if changes[k] <= max(SAMPLING.resolved, SAMPLING.times_the_usual * usual):
+        if not _may_jump(changes[k], float(np.quantile(changes, 0.9))):
             return None
-        low, high = _inside(a, b, len(samples))[k : k + 2]
+        low, high = _inside(begin, end, len(samples))[k : k + 2]
         jump = self._located(low, high, samples[k], samples[k + 1], changes[k])
-        return jump if jump is not None and a < jump < b else None
+        return jump if jump is not None and begin < jump < end else None
 
     def _located(
         self, low: float, high: float, left: Array, right: Array, change: float
@@ -243,6 +237,16 @@ class _Search:
                 high, right = middle, values
             else:
                 low, left = middle, values
+
+
+def _changes(samples: Array) -> Array:
+    """Largest change of any quantity from sample to sample, shape (samples - 1,)."""
+    return np.asarray(np.max(np.abs(np.diff(samples, axis=0)), axis=1, initial=0.0))
+
+
+def _may_jump(change: float, usual: float) -> bool:
+    """Whether a change between two samples is so large beside the usual one that it may jump."""
+    return change > max(SAMPLING.resolved, SAMPLING.times_the_usual * usual)
 
 
 def _inside(a: float, b: float, count: int) -> Array:

@@ -12,14 +12,14 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 from weakref import WeakSet
 
 import numpy as np
 
-from ..arrays import Array, Integers, Mask, summed
+from ..arrays import Array, Integers, Mask
 from ..body import VolumeIntegrals
 from ..mechanism import Mechanism, ParametricMechanism
 from .initial import started
@@ -82,27 +82,29 @@ class MechanismBars:
     #: and acceleration of vectors that move as prescribed; ``load_table`` (instants, loads, d);
     #: ``gravity`` (instants, d); ``law`` (springs, 2) stiffness and damping; ``alpha``, ``beta``
     #: (bodies,); ``shapes`` of vectors of bodies; ``normal`` and ``ratio`` of rows.
-    arrays: Mapping[str, Array] = field(default_factory=dict)
+    arrays: Mapping[str, Array]
     #: With respect to the integrals of the bodies with their point masses, markers left out.
-    bodies: Bodies = field(default_factory=dict)
+    bodies: Bodies
     #: With respect to the coordinates at the start, shape (size,); in space, at the place of
     #: rotations, to turns about the body's axes.
-    y: Array = field(default_factory=lambda: np.zeros(0))
-    v: Array = field(default_factory=lambda: np.zeros(0))  #: And to the velocities there
+    y: Array
+    v: Array  #: And to the velocities there
 
-    def scaled(self, factor: float) -> MechanismBars:
-        """The derivatives times a ``factor``."""
-        arrays = {name: factor * bar for name, bar in self.arrays.items()}
-        bodies = {name: bar.scaled(factor) for name, bar in self.bodies.items()}
-        return MechanismBars(arrays, bodies, factor * self.y, factor * self.v)
 
-    def __add__(self, other: MechanismBars) -> MechanismBars:
-        if not self.y.size or not other.y.size:
-            y, v = (self.y, self.v) if self.y.size else (other.y, other.v)
-        else:
-            y, v = self.y + other.y, self.v + other.v
-        arrays, bodies = summed(self.arrays, other.arrays), summed(self.bodies, other.bodies)
-        return MechanismBars(arrays, bodies, y, v)
+class _Room(NamedTuple):
+    """The room that a parameter leaves for steps of differences."""
+
+    name: str
+    width: float  #: Of its range.
+    side: int  #: 0 if there is room to both sides of its value, else 1 or -1, where there is more.
+
+    @staticmethod
+    def beside(name: str, below: float, above: float) -> _Room:
+        """The room of a parameter whose bounds are so far below and above its value."""
+        width = below + above
+        if 2.0 * OPTIONS.step * width <= min(below, above):
+            return _Room(name, width, 0)
+        return _Room(name, width, 1 if above >= below else -1)
 
 
 class _State(NamedTuple):
@@ -192,6 +194,29 @@ def _start_of(mechanism: Mechanism, model: FlatModel) -> Array:
     return np.concatenate([np.ravel(state) for state in states])
 
 
+class _Stencil(NamedTuple):
+    """A formula for differences: offsets in steps, and weights of the changes there."""
+
+    order: int
+    offsets: tuple[int, ...]
+    weights: tuple[float, ...]
+    #: One end, and the point in the middle, among the points: the value itself, number 0, and those
+    #: at the offsets, the last of which is the other end.
+    begin: int
+    middle: int
+
+
+#: Differences of second and of fourth order
+_CENTRAL = (
+    _Stencil(2, (-1, 1), (-1 / 2, 1 / 2), begin=1, middle=0),
+    _Stencil(4, (-1, 1, -2, 2), (-2 / 3, 2 / 3, 1 / 12, -1 / 12), begin=3, middle=0),
+)
+_ONE_SIDED = (
+    _Stencil(2, (1, 2), (2.0, -1 / 2), begin=0, middle=1),
+    _Stencil(4, (1, 2, 3, 4), (4.0, -3.0, 4 / 3, -1 / 4), begin=0, middle=2),
+)
+
+
 class _JumpedError(ValueError):
     """The start is far from that at the values."""
 
@@ -201,7 +226,7 @@ class _Differences:
 
     def __init__(self, model: FlatModel, start: tuple[Array, Array] | None = None) -> None:
         self.model, self.start, self.numbers = model, start, Numbers(model)
-        self.ranges = parametric(model).parameters.ranges
+        self.rooms = [_Room.beside(*bounds) for bounds in parametric(model).parameters.ranges]
 
     def check_repeatable(self) -> None:
         """Refuse, by a ValueError, a function that makes another machine of the same values."""
@@ -226,7 +251,7 @@ class _Differences:
     def contracted(self, bars: Sequence[MechanismBars]) -> Array:
         """Derivatives (bars, parameters) of numbers from those by what the mechanism says."""
         by_numbers = np.array([self.numbers.bars(bar.arrays, bar.bodies) for bar in bars])
-        count = len(self.ranges)
+        count = len(self.rooms)
         derivatives, remaining = np.zeros((len(bars), count)), list(range(count))
         grouped = self._grouped()
         if grouped is not None:
@@ -250,54 +275,28 @@ class _Differences:
         each, and the parameters that must be shifted one by one: those on which the start depends
         or a number with others, and those over whose steps slopes change. None where groups save
         nothing, or fail.
-
-        Parameters are shifted in groups, such that no parameter is in all groups of another one. A
-        number that has changed with the very groups of one parameter depends on it alone.
         """
-        count, values = len(self.ranges), self.numbers.values
+        count, values = len(self.rooms), self.numbers.values
         groups = _groups(count)
         if groups.shape[1] + 1 >= 2 * count:
             return None
 
-        # steps to one side where there is no room for both
-        sides = np.array([self._side(below, above) for _, below, above in self.ranges])
-        widths = np.array([below + above for _, below, above in self.ranges])
-        central = sides == 0
-        # no two alike, so that no changes cancel
-        steps = (
-            OPTIONS.short_step
-            * widths
-            * (0.5 + 0.5 * (np.arange(1, count + 1) * OPTIONS.golden % 1.0))
-        )
-        steps = np.where(sides < 0, -steps, steps)
+        # steps to one side where there is no room for both; no two alike, so that no changes cancel
+        side, width = (np.array([getattr(room, name) for room in self.rooms])
+                       for name in ("side", "width"))  # fmt: skip
+        unlike = 0.5 + 0.5 * (np.arange(1, count + 1) * OPTIONS.golden % 1.0)
+        steps = OPTIONS.short_step * width * unlike
+        steps = np.where(side < 0, -steps, steps)
+        central = side == 0
         try:
             states = [self.state(steps * group) for group in groups.T]
             back = self.state(np.where(central, -steps, 2.0 * steps))
         except ValueError:  # the parameter is found by shifting one by one
             return None
 
-        # of each number the parameter whose groups have changed it, always by the same amount
-        shifted = np.array([state.numbers for state in states])
-        changed = shifted != values
-        ahead_values = shifted[np.argmax(changed, axis=0), np.arange(values.size)]
-        bit = 2 ** np.arange(len(states))
-        code_of_parameter, code_of_number = groups @ bit, bit @ changed
-        parameter_of_code = np.full(2 ** len(states), -1)
-        parameter_of_code[code_of_parameter] = np.arange(count)
-        alike = np.all(shifted == np.where(changed, ahead_values, values), axis=0)
-        owner = np.where(alike, parameter_of_code[code_of_number], -1)
-        owned = owner >= 0
-
-        # parameters of which some number changes with others, or the start does
-        depends = np.any(changed, axis=0) | (back.numbers != values)
-        shared = set(code_of_number[~owned & depends])
-        if self.start is not None and np.any(starts := self._start_numbers):
-            inputs = np.array([self._start_inputs(s.model)[starts] for s in states])
-            shared |= set(bit @ (inputs != self._inputs[starts])) - {0}
-        # nothing is known where a number changes on one side only, code 0
-        one_by_one = np.array(
-            [any(bits & ~code == 0 or code == 0 for code in shared) for bits in code_of_parameter]
-        )
+        changed = np.array([state.numbers != values for state in states])
+        owner, ahead_values = self._owners(groups, states, changed)
+        one_by_one = self._entangled(groups, states, changed, back, owner)
 
         step, one_sided = steps[owner], ~central[owner]
         ahead, behind = ahead_values - values, back.numbers - values
@@ -305,19 +304,48 @@ class _Differences:
         bend = np.where(one_sided, behind - 2.0 * ahead, ahead + behind)
         change = np.where(one_sided, behind, ahead - behind)
         for array in (slopes, bend, change):
-            array[~owned] = 0.0
+            array[owner < 0] = 0.0
         group_count = int(self.numbers.group[-1]) + 1
-        place = np.where(owned, owner * group_count + self.numbers.group, 0)
+        place = np.where(owner >= 0, owner * group_count + self.numbers.group, 0)
         bent = _bends(bend, change, values, place, count * group_count)
         one_by_one |= np.any(bent.reshape(count, group_count), axis=1)
         return slopes, owner, np.flatnonzero(one_by_one).tolist()
 
-    @staticmethod
-    def _side(below: float, above: float) -> int:
-        """0 if there is room for steps to both sides of a parameter, else 1 or -1."""
-        if 2.0 * OPTIONS.step * (below + above) <= min(below, above):
-            return 0
-        return 1 if above >= below else -1
+    def _owners(
+        self, groups: Integers, states: Sequence[_State], changed: Mask
+    ) -> tuple[Integers, Array]:
+        """The one parameter on which each number depends or -1, and its value if that is shifted.
+
+        It is the parameter whose groups (parameters, groups) are those with whose states the number
+        has `changed`, (groups, numbers), always by the same amount.
+        """
+        values, shifted = self.numbers.values, np.array([state.numbers for state in states])
+        shifted_value = shifted[np.argmax(changed, axis=0), np.arange(values.size)]
+        consistent = np.all(shifted == np.where(changed, shifted_value, values), axis=0)
+        bit = 2 ** np.arange(len(states))
+        parameter_of_code = np.full(2 ** len(states), -1)
+        parameter_of_code[groups @ bit] = np.arange(len(groups))
+        return np.where(consistent, parameter_of_code[bit @ changed], -1), shifted_value
+
+    def _entangled(
+        self,
+        groups: Integers,
+        states: Sequence[_State],
+        changed: Mask,
+        back: _State,
+        owner: Integers,
+    ) -> Mask:
+        """Parameters on which the start depends or a number with others, shape (parameters,)."""
+        bit = 2 ** np.arange(len(states))
+        depends = np.any(changed, axis=0) | (back.numbers != self.numbers.values)
+        shared = set((bit @ changed)[(owner < 0) & depends])
+        if self.start is not None and np.any(starts := self._start_numbers):
+            inputs = np.array([self._start_inputs(state.model)[starts] for state in states])
+            shared |= set(bit @ (inputs != self._inputs[starts])) - {0}
+        # nothing is known where a number changes on one side only, code 0
+        return np.array(
+            [any(own & ~code == 0 or code == 0 for code in shared) for own in groups @ bit]
+        )
 
     def around(self, k: int) -> list[tuple[float, _State]]:
         """States beside the values of parameter k, and weights of their changes in derivatives.
@@ -326,48 +354,46 @@ class _Differences:
         solved for, so that steps are longer there, and of fourth order. Steps are shortened until
         slopes hardly change over them. A ValueError names a parameter without a derivative.
         """
-        name, below, above = self.ranges[k]
+        name, width, side = self.rooms[k]
+        second_order, fourth_order = _CENTRAL if side == 0 else _ONE_SIDED
+        attempts = [(OPTIONS.short_step, second_order)]
+        for n in range(OPTIONS.most_steps):
+            attempts.append((OPTIONS.step * OPTIONS.shorter**n, fourth_order))
         try:
-            return self._around(k, below + above, self._side(below, above))
+            for step, stencil in attempts:
+                try:
+                    difference = self._difference(k, (side or 1) * step * width, stencil)
+                except _JumpedError:
+                    if step == attempts[-1][0]:
+                        raise
+                    continue
+                if difference is not None:
+                    return difference
+            raise ValueError(
+                "slopes of the mechanism from below and from above differ at this value, as with "
+                "an `if`, a maximum or a rounding in the function that makes the mechanism: use a "
+                "smooth function, or another value"
+            )
         except ValueError as error:
             raise ValueError(f"parameter {name!r}: no derivative: {error}") from error
 
-    def _around(self, k: int, width: float, side: int) -> list[tuple[float, _State]]:
-        central, side = side == 0, side or 1
+    def _difference(self, k: int, h: float, stencil: _Stencil) -> list[tuple[float, _State]] | None:
+        """States and weights of a difference by parameter k with the step h.
+
+        None where slopes change over it, or where a difference of second order moves the start.
+        """
         none = np.zeros(self.model.size)
-        base = _State(self.model, self.numbers.values, none, none)
-        steps = [OPTIONS.short_step]
-        steps += [OPTIONS.step * OPTIONS.shorter**n for n in range(OPTIONS.most_steps)]
+        value = _State(self.model, self.numbers.values, none, none)
+        direction = np.eye(k + 1)[k]
+        states = [self.started(offset * h * direction) for offset in stencil.offsets]
+        if stencil.order == 2 and any(np.any(state.y) or np.any(state.v) for state in states):
+            return None
 
-        def shifted(h: float, offsets: Sequence[int]) -> list[_State]:
-            return [self.started(side * s * h * np.eye(k + 1)[k]) for s in offsets]
-
-        for h in (step * width for step in steps):
-            second_order = h == steps[0] * width
-            try:
-                states = shifted(h, (-1, 1) if central else (1, 2))
-                if not second_order:
-                    states += shifted(h, (-2, 2) if central else (3, 4))
-            except _JumpedError:
-                if h == steps[-1] * width:
-                    raise
-                continue
-            if second_order and any(np.any(state.y) or np.any(state.v) for state in states):
-                continue
-            if central:
-                weights = [-1 / 2, 1 / 2] if second_order else [-2 / 3, 2 / 3, 1 / 12, -1 / 12]
-            else:
-                weights = [2.0, -1 / 2] if second_order else [4.0, -3.0, 4 / 3, -1 / 4]
-            ends = (states[-2] if central else base), states[-1]
-            middle = base if central else states[0 if second_order else 1]
-            if not self._bent(*ends, middle):
-                pairs = zip(weights, states, strict=True)
-                return [(side * weight / h, state) for weight, state in pairs]
-        raise ValueError(
-            "slopes of the mechanism from below and from above differ at this value, as with an "
-            "`if`, a maximum or a rounding in the function that makes the mechanism: use a smooth "
-            "function, or another value"
-        )
+        points = [value, *states]
+        if self._bent(points[stencil.begin], points[-1], points[stencil.middle]):
+            return None
+        pairs = zip(stencil.weights, states, strict=True)
+        return [(weight / h, state) for weight, state in pairs]
 
     def _bent(self, begin: _State, end: _State, middle: _State) -> bool:
         """Whether slopes change between two ends by more than a share and round-off."""

@@ -296,38 +296,54 @@ def assemble_model(
     )
     for name, integrals in (mechanism.own_bodies if checked else bodies).items():
         integrals.validate(name)
-    effective: Mapping[str, VolumeIntegrals] = effective_bodies(mechanism, bodies)
-    if like and mechanism.point_masses == like.mechanism.point_masses:
-        if all(bodies[name] is body for name, body in like.bodies.items()):
-            effective = like.effective
+    dimension = check_dimension(mechanism, bodies)
+
+    # rows and forces, as the markers of the undeformed bodies make them
     offset = like.offset if like else START_OFFSET * float(times[1] - times[0])
     instants = np.append(times, times[0] + offset)
-    dimension = check_dimension(mechanism, bodies)
     undeformed = _undeformed(mechanism, bodies, instants[:1], dimension)
     rows, elements = _connected(mechanism, undeformed)
-    kind, twins, twin = KINDS[dimension], None, mechanism.twin
-    if like and like.mechanism.twin is twin:
+    if like and like.mechanism.twin is mechanism.twin:
         twins = like.twins
-    elif twin is not None:
-        beside = {**bodies, **twin.own_bodies}
-        twins = _connected(twin, _undeformed(twin, beside, instants[:1], dimension))
+    else:
+        twins = _twins(mechanism.twin, bodies, instants[:1], dimension)
+    kind = KINDS[dimension]
     lowering = kind.lowering(bodies, undeformed)
     lowering.enter(rows, elements, twins)
-    joints = _places(mechanism.joint_names, [label for _, label in rows])
+
     tables = TimeTables(mechanism, rows, elements, lowering)
     over_time = tables.tabulate(instants) if tabulated or like is None else {}
     if not checked:
         tables.check(float(times[0]), float(times[-1]))
+
+    # a model of the same bodies provides what does not change
+    effective: Mapping[str, VolumeIntegrals] = effective_bodies(mechanism, bodies)
+    if like and mechanism.point_masses == like.mechanism.point_masses:
+        if all(bodies[name] is body for name, body in like.bodies.items()):
+            effective = like.effective
     if like and effective is like.effective and mechanism.damping == like.mechanism.damping:
-        arrays = like.arrays._asdict()
+        of_bodies = like.arrays._asdict()
     else:
-        arrays = body_arrays(effective, mechanism.damping)
-    own_arrays = lowering.arrays(int(arrays["modes"].max()))
-    of_like = {} if like is None else like.arrays._asdict()
-    flat = kind(**{**of_like, **arrays, **over_time, **own_arrays, "reach": np.zeros(1)})
-    flat.reach[0] = largest_length(flat)
-    names = lowering.markers, joints, tables, lowering.forces, effective, twins
-    return FlatModel(flat, times, offset, mechanism, dict(bodies), *names)
+        of_bodies = body_arrays(effective, mechanism.damping)
+
+    of_connections = lowering.arrays(int(of_bodies["modes"].max()))
+    fields = {} if like is None else like.arrays._asdict()
+    fields |= {**of_bodies, **over_time, **of_connections, "reach": np.zeros(1)}
+    arrays = kind(**fields)
+    arrays.reach[0] = largest_length(arrays)
+    return FlatModel(
+        arrays,
+        times,
+        offset,
+        mechanism,
+        dict(bodies),
+        markers=lowering.markers,
+        joints=_places(mechanism.joint_names, [label for _, label in rows]),
+        tables=tables,
+        forces=lowering.forces,
+        effective=effective,
+        twins=twins,
+    )
 
 
 def effective_bodies(
@@ -353,6 +369,19 @@ def _connected(mechanism: Mechanism, undeformed: Undeformed) -> Connected:
         for label, force in zip(mechanism.force_names, mechanism.forces, strict=True)
     ]
     return rows, elements
+
+
+def _twins(
+    twin: Mechanism | None,
+    bodies: Mapping[str, VolumeIntegrals],
+    start: Array,
+    dimension: int,
+) -> Connected | None:
+    """Rows and elements of the twin of a mechanism, if it has one."""
+    if twin is None:
+        return None
+    of_twin = {**bodies, **twin.own_bodies}
+    return _connected(twin, _undeformed(twin, of_twin, start, dimension))
 
 
 def _places(names: Sequence[str], labels: Sequence[str]) -> dict[str, slice]:

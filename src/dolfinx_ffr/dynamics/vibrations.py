@@ -84,32 +84,28 @@ def lost_vibrations(trajectory: Trajectory) -> VibrationError:
     Each mode is followed from there to the end with the damping of the machine, and with the
     damping of machine and method; the difference of the mean energies is lost.
     """
-    model, method = trajectory.model, trajectory.integrator
-    flexible = [name for name, body in model.bodies.items() if body.modes]
-    weights = _time_weights(trajectory)
-    end, h = float(trajectory.t[-1]), float(np.median(np.diff(trajectory.step_ends)))
-    displacement, _, strain, _ = norm_floors(model.arrays, end)
+    model, end = trajectory.model, float(trajectory.t[-1])
+    flexible = any(body.modes for body in model.bodies.values())
     if flexible:
-        mean = sum(float(weights @ trajectory.strain_energy(name)) for name in flexible)
-        mean += strain**2
+        mean = _mean_strain_energy(trajectory)
     else:
-        mean = float(weights @ mass_norm(model.arrays, trajectory.w) ** 2)
-        mean += (displacement / end**2) ** 2
+        squares = mass_norm(model.arrays, trajectory.w) ** 2
+        floor = norm_floors(model.arrays, end)[0] / end**2
+        mean = float(_time_weights(trajectory) @ squares) + floor**2
 
     largest, lost = (0.0, math.nan, math.nan), 0.0
     for t, modes, w, jerk in _excited(trajectory):
-        energies, moving = modes.excited(w, jerk)
-        size = 0.5 * (energies * modes.strain_shares(model) if flexible else moving)
-        factors = np.array([method.amplification(omega * h) for omega in modes.frequencies])
-        rates = modes.decay - np.log(np.maximum(factors, 1e-300)) / h
-        lost_of_modes = size * (_mean_square(modes.decay, end - t) - _mean_square(rates, end - t))
-        lost_of_modes *= (end - t) / end
+        energies, squares = modes.excited(w, jerk)
+        excited = 0.5 * (energies * modes.strain_shares(model) if flexible else squares)
+        duration, rates = end - t, _numerical_decay(trajectory, modes)
+        of_machine = _mean_square(modes.decay, duration)
+        lost_of_modes = excited * (of_machine - _mean_square(rates, duration))
+        lost_of_modes *= duration / end
         lost += float(np.sum(lost_of_modes))
-        if lost_of_modes.size:
-            k = int(np.argmax(lost_of_modes))
-            if lost_of_modes[k] > largest[0]:
-                frequency = float(modes.frequencies[k]) / (2.0 * math.pi)
-                largest = float(lost_of_modes[k]), frequency, t
+        k = int(np.argmax(lost_of_modes)) if lost_of_modes.size else -1
+        if k >= 0 and lost_of_modes[k] > largest[0]:
+            frequency = float(modes.frequencies[k]) / (2.0 * math.pi)
+            largest = float(lost_of_modes[k]), frequency, t
     _, frequency, time = largest
     return VibrationError(lost / (mean + lost) if lost > 0.0 else 0.0, frequency, time)
 
@@ -127,10 +123,7 @@ def resonance_error(trajectory: Trajectory, tolerance: float) -> VibrationError:
     if not candidates:
         return VibrationError()
 
-    weights = _time_weights(trajectory)
-    flexible = [name for name, body in model.bodies.items() if body.modes]
-    energy = sum(float(weights @ trajectory.strain_energy(name)) for name in flexible)
-    energy += norm_floors(model.arrays, float(t[-1]))[2] ** 2
+    weights, energy = _time_weights(trajectory), _mean_strain_energy(trajectory)
     error, largest = 0.0, VibrationError()
     for name, square, decay, to_mode in candidates:
         elastic = model.coordinates(name).elastic
@@ -157,6 +150,21 @@ def _time_weights(trajectory: Trajectory) -> Array:
     if weights is None:
         weights = np.gradient(trajectory.t)
     return np.asarray(weights / np.sum(weights))
+
+
+def _mean_strain_energy(trajectory: Trajectory) -> float:
+    """Mean over time of the strain energy of all bodies, no less than round-off [J]."""
+    model, weights = trajectory.model, _time_weights(trajectory)
+    flexible = [name for name, body in model.bodies.items() if body.modes]
+    energy = sum(float(weights @ trajectory.strain_energy(name)) for name in flexible)
+    return energy + float(norm_floors(model.arrays, float(trajectory.t[-1]))[2]) ** 2
+
+
+def _numerical_decay(trajectory: Trajectory, modes: _Modes) -> Array:
+    """Rates at which machine and method together damp the modes, shape (modes,) [1/s]."""
+    h = float(np.median(np.diff(trajectory.step_ends)))
+    factors = [trajectory.integrator.amplification(omega * h) for omega in modes.frequencies]
+    return modes.decay - np.log(np.maximum(np.array(factors), 1e-300)) / h
 
 
 def _mean_square(rates: Array, duration: float) -> Array:

@@ -132,18 +132,21 @@ def _clockwise(a: Array, b: Array) -> float:
 
 def _nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int]]:
     """Loops of faces by number: counterclockwise ones, each followed by the holes in it."""
-    areas = [float(enclosed(loop)[0]) for loop in closed]
-    shapes = [shapely.Polygon(ring(loop, tolerance)) for loop in closed]
-    nests = {i: [i] for i, area in enumerate(areas) if area > 0.0}
-    for i, area in enumerate(areas):
-        if area > 0.0:
-            continue
-        inside = shapes[i].representative_point()
-        # the same loop, walked forwards, is around another face
-        larger = [j for j in nests if areas[j] > -area * (1.0 + _ROUND_OFF)]
-        around = [j for j in larger if shapes[j].covers(inside)]
-        if around:
-            nests[min(around, key=lambda j: areas[j])].append(i)
+    areas = np.array([enclosed(loop)[0] for loop in closed])
+    shapes = np.array([shapely.Polygon(ring(loop, tolerance)) for loop in closed], dtype=object)
+    outer, holes = np.flatnonzero(areas > 0.0), np.flatnonzero(areas <= 0.0)
+    points = shapely.point_on_surface(shapes[holes])
+    hole, around = shapely.STRtree(shapes[outer]).query(points, predicate="intersects")
+    hole, around = holes[hole], outer[around]
+
+    # the same loop, walked forwards, is around another face
+    is_larger = areas[around] > -areas[hole] * (1.0 + _ROUND_OFF)
+    hole, around = hole[is_larger], around[is_larger]
+    nests = {i: [i] for i in outer.tolist()}
+    # of the faces around a hole the smallest
+    order = np.lexsort((areas[around], hole))
+    for first in np.unique(hole[order], return_index=True)[1]:
+        nests[int(around[order][first])].append(int(hole[order][first]))
     return list(nests.values())
 
 

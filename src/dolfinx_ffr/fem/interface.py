@@ -222,45 +222,63 @@ def find_interfaces(
         raise ValueError(
             f"domain: centers for unknown interfaces {unknown}; there are {sorted(interfaces)}"
         )
-    domain: mesh.Mesh = space.mesh
-    comm: MPI.Comm = domain.comm
-    dim = domain.topology.dim
     by_name: dict[str, Interface] = {}
-    coordinates = space.tabulate_dof_coordinates()[:, :dim]
     for name, selection in interfaces.items():
-        facets = located(domain, f"interface {name!r}", selection, dim - 1)
-        if comm.allreduce(len(facets)) == 0:
-            spans = (
-                f"{axis} from {low:.6g} to {high:.6g} m"
-                for axis, low, high in zip("xyz", *box, strict=False)
-            )
-            raise ShapeError(
-                f"interface {name!r} has no facets: its predicate or tag picks no boundary facet "
-                f"of the body, which spans {' and '.join(spans)}"
-            )
-        dofs = np.asarray(fem.locate_dofs_topological(space, dim - 1, facets), dtype=np.int32)
-        for earlier_name, earlier in by_name.items():
-            shared = np.intersect1d(dofs, earlier.dofs)
-            if comm.allreduce(bool(len(shared)), MPI.LOR):
-                raise ShapeError(
-                    f"interfaces {earlier_name!r} and {name!r} overlap: they share nodes, and a "
-                    "node cannot follow two rigid motions; leave at least one free facet between "
-                    "them or join them into one"
-                )
-        extent = float(np.linalg.norm(np.ptp(np.vstack(comm.allgather(coordinates[dofs])), axis=0)))
-        if not extent > 0.0:
-            raise ShapeError(
-                f"interface {name!r} is a single point: it cannot hold the body against rotation"
-            )
-        center, axis = _surface(domain, facets)
-        if name in centers:
-            expected = "two components" if dim == 2 else "three components"
-            argument = f"interface {name!r}: center"
-            center = validation.real_array(
-                argument, centers[name], (dim,), expected=expected
-            ).copy()
-        by_name[name] = Interface(name, facets, dofs, center, extent, axis)
+        interface = _interface(space, name, selection, centers.get(name), box)
+        _refuse_shared_nodes(space.mesh.comm, interface, by_name)
+        by_name[name] = interface
     return by_name
+
+
+def _interface(
+    space: Any,
+    name: str,
+    selection: Predicate | ArrayLike,
+    center: Sequence[float] | None,
+    box: Array,
+) -> Interface:
+    """The interface of selected facets, with a ``center`` or, by default, its own."""
+    domain: mesh.Mesh = space.mesh
+    comm, dim = domain.comm, domain.topology.dim
+    facets = located(domain, f"interface {name!r}", selection, dim - 1)
+    if comm.allreduce(len(facets)) == 0:
+        spans = (
+            f"{axis} from {low:.6g} to {high:.6g} m"
+            for axis, low, high in zip("xyz", *box, strict=False)
+        )
+        raise ShapeError(
+            f"interface {name!r} has no facets: its predicate or tag picks no boundary facet "
+            f"of the body, which spans {' and '.join(spans)}"
+        )
+
+    dofs = np.asarray(fem.locate_dofs_topological(space, dim - 1, facets), dtype=np.int32)
+    nodes = space.tabulate_dof_coordinates()[dofs, :dim]
+    extent = float(np.linalg.norm(np.ptp(np.vstack(comm.allgather(nodes)), axis=0)))
+    if not extent > 0.0:
+        raise ShapeError(
+            f"interface {name!r} is a single point: it cannot hold the body against rotation"
+        )
+
+    reference_point, axis = _surface(domain, facets)
+    if center is not None:
+        expected = "two components" if dim == 2 else "three components"
+        argument = f"interface {name!r}: center"
+        reference_point = validation.real_array(argument, center, (dim,), expected=expected).copy()
+    return Interface(name, facets, dofs, reference_point, extent, axis)
+
+
+def _refuse_shared_nodes(
+    comm: MPI.Comm, interface: Interface, earlier_ones: Mapping[str, Interface]
+) -> None:
+    """Refuse an interface that has nodes in common with earlier ones."""
+    for name, earlier in earlier_ones.items():
+        shared = np.intersect1d(interface.dofs, earlier.dofs)
+        if comm.allreduce(bool(len(shared)), MPI.LOR):
+            raise ShapeError(
+                f"interfaces {name!r} and {interface.name!r} overlap: they share nodes, and a "
+                "node cannot follow two rigid motions; leave at least one free facet between "
+                "them or join them into one"
+            )
 
 
 def refuse_whole_edge(domain: mesh.Mesh, interfaces: Mapping[str, Interface]) -> None:

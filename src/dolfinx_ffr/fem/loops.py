@@ -70,15 +70,15 @@ def _drawing(
     gap: float | None,
 ) -> Drawing:
     """The faces of `closed_outline`, of curves that all count."""
-    extent = 0.0
-    if drawn:
-        extent = float(np.max(np.ptp(samples([curve.curve for curve in drawn]), axis=0)))
+    points = samples([curve.curve for curve in drawn])
+    extent = float(np.max(np.ptp(points, axis=0))) if drawn else 0.0
     tolerance, fine = DRAWING.joined * extent, DRAWING.fine * extent
-    long_enough = [curve for curve in drawn if curve.curve.length > tolerance]
-    if not long_enough:
+    is_long = np.array([curve.curve.length > tolerance for curve in drawn], dtype=bool)
+    if not np.any(is_long):
         raise ValueError(f"{source}: it holds no curve that has a length")
 
-    once = _once(long_enough, tolerance)
+    long_enough = [curve for curve, long in zip(drawn, is_long, strict=True) if long]
+    once = _once(long_enough, points.reshape(-1, 5, 2)[is_long], tolerance)
     curves, nodes = _joined([curve.curve for curve in once], tolerance)
     curves, nodes = _bridged(curves, nodes, fine if gap is None else gap)
     chosen = _without_curls(source, curves, nodes)
@@ -169,12 +169,15 @@ def _bore(
 
 def samples(curves: Sequence[Curve]) -> Array:
     """Five points of each curve, one after the other, shape (n, 2) [m]."""
-    return np.concatenate([curve.at(np.linspace(0.0, 1.0, 5)) for curve in curves])
+    t = np.linspace(0.0, 1.0, 5)
+    return np.reshape([curve.at(t) for curve in curves], (-1, 2))
 
 
-def _once(drawn: Sequence[Drawn], tolerance: float) -> list[Drawn]:
-    """Curves without those that lie on others, whose names go to these."""
-    marks = samples([curve.curve for curve in drawn]).reshape(-1, 5, 2)
+def _once(drawn: Sequence[Drawn], marks: Array, tolerance: float) -> list[Drawn]:
+    """Curves without those that lie on others, whose names go to these.
+
+    The ``marks`` are the `samples` of each curve, (curves, 5, 2) [m].
+    """
     tree = cKDTree(marks[:, 2])
     distinct: list[Drawn | None] = list(drawn)
     for i, j in sorted(tree.query_pairs(2.0 * tolerance)):
@@ -353,12 +356,13 @@ def _faces(source: str, lines: Drawing, loops: Sequence[CurveLoop], fine: float)
     for i, j in shapely.STRtree(rings).query(rings, predicate="intersects").T:
         if i != j:
             _refuse_touching(source, rings[i].intersection(rings[j]))
-    depth, holes = _nesting(shapes)
-    return [
-        _face(lines, loops, outer, holes[outer])
-        for outer in range(len(loops))
-        if depth[outer] % 2 == 0
+    is_forward = shapely.is_ccw(rings) == (_depths(shapes) % 2 == 0)
+    sides = [
+        side
+        for loop, forward in zip(loops, is_forward, strict=True)
+        for side in _directed(loop, forward=forward)
     ]
+    return [Face("design", around) for around in lines.faces_beside(sides, fine)]
 
 
 def _face_around(
@@ -381,8 +385,13 @@ def _face_around(
             f"material of the part that is meant; closed curves reach from {low} to {high}"
         )
 
-    outer = min(around, key=lambda i: shapes[i].area)
-    holes = _nesting(sound)[1][outer]
+    outer, depths = min(around, key=lambda i: shapes[i].area), _depths(sound)
+    is_hole = (depths == depths[outer] + 1) & shapely.within(sound, sound[outer])
+    holes = np.flatnonzero(is_hole).tolist()
+    sides = _directed(loops[outer], forward=sound[outer].exterior.is_ccw)
+    for i in holes:
+        sides += _directed(loops[i], forward=not sound[i].exterior.is_ccw)
+
     region = shapely.Polygon(rings[outer], [rings[i] for i in holes])
     boundary = [outer, *holes]
     for i, ring in enumerate(rings):
@@ -391,32 +400,19 @@ def _face_around(
         for limit in limits:
             if edge.intersects(limit):
                 _refuse_touching(source, edge.intersection(limit))
-    return _face(lines, loops, outer, holes)
+    (face,) = lines.faces_beside(sides, fine)
+    return Face("design", face)
 
 
-def _nesting(shapes: Sequence[shapely.Polygon]) -> tuple[Integers, list[list[int]]]:
-    """How many other polygons each is within, and the numbers of those right within it."""
+def _depths(shapes: Sequence[shapely.Polygon]) -> Integers:
+    """How many other polygons each is within, (shapes,)."""
     inner, outer = shapely.STRtree(shapes).query(shapes, predicate="within")
-    distinct = inner != outer
-    inner, outer = inner[distinct], outer[distinct]
-    depth = np.bincount(inner, minlength=len(shapes))
-    right_within: list[list[int]] = [[] for _ in shapes]
-    for i, j in zip(inner.tolist(), outer.tolist(), strict=True):
-        if depth[i] == depth[j] + 1:
-            right_within[j].append(i)
-    return depth, [sorted(numbers) for numbers in right_within]
+    return np.bincount(inner[inner != outer], minlength=len(shapes))
 
 
-def _face(lines: Drawing, loops: Sequence[CurveLoop], outer: int, holes: Sequence[int]) -> Face:
-    """The face within a loop, without its holes; it is on the left of each loop."""
-    directed: list[CurveLoop] = []
-    for i in (outer, *holes):
-        counterclockwise = lines.moments([loops[i]])[0] > 0.0
-        if counterclockwise == (i == outer):
-            directed.append(loops[i])
-        else:
-            directed.append([(curve, not forward) for curve, forward in reversed(loops[i])])
-    return Face("design", directed)
+def _directed(loop: CurveLoop, *, forward: bool) -> list[CurveSide]:
+    """A loop as it is, or walked backwards."""
+    return list(loop) if forward else [(i, not along) for i, along in reversed(loop)]
 
 
 def _refuse_touching(source: str, common: shapely.Geometry) -> None:

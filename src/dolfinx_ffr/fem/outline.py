@@ -181,16 +181,17 @@ def read_outline(
 
 def _check_numbers(path: Path, drawn: Sequence[Drawn]) -> None:
     """Refuse coordinates that are no numbers, or beyond those that any body has."""
-    for curve in drawn:
-        with np.errstate(all="ignore"):
-            points = samples([curve.curve])
-        wrong = points[~(np.abs(points) < DRAWING.farthest)]
-        if len(wrong):
-            raise ValueError(
-                f"outline {path}: a curve on {', '.join(map(repr, sorted(curve.names)))} has the "
-                f"coordinate {1e3 * wrong[0]:.3g} mm; the file is damaged there: delete the "
-                "curve, or draw it anew"
-            )
+    with np.errstate(all="ignore"):
+        points_of_curves = samples([curve.curve for curve in drawn]).reshape(len(drawn), -1)
+    is_wrong = ~(np.abs(points_of_curves) < DRAWING.farthest)
+    if np.any(is_wrong):
+        first = int(np.argmax(np.any(is_wrong, axis=1)))
+        layers = ", ".join(map(repr, sorted(drawn[first].names)))
+        wrong = points_of_curves[first, is_wrong[first]]
+        raise ValueError(
+            f"outline {path}: a curve on {layers} has the coordinate {1e3 * wrong[0]:.3g} mm; the "
+            "file is damaged there: delete the curve, or draw it anew"
+        )
 
 
 def _rings(outline: Any) -> list[list[Array]]:

@@ -531,9 +531,9 @@ def _second_moments(
     )
     share = float(next(shares, 0.0))
     warnings.warn(
-        "Oe and Cr hold more than the inertia of the coordinates that Me has, as with geometric "
-        "stiffening, or contradict it, and the file has no first order of Gr that tells: the "
-        "inertia of pairs of coordinates is estimated, and the rest of Oe is stiffening"
+        "Oe and Cr contain more than the inertia in Me, either geometric stiffening or a "
+        "contradiction, which a file without the first order of Gr leaves open: the inertia of "
+        "pairs of coordinates is estimated, and the rest of Oe is taken as stiffening"
         + (f"; Ct, Cr and Oe are too large for Me, and scaled by {square**0.5:.3f}" * (square < 1))
         + (f"; only {share:.0%} of the turning part of Cr is used" * (share < 1)),
         InterchangeWarning,

@@ -46,7 +46,7 @@ class Combination(ABC):
         if self.weights is None:
             return
         weights = {
-            name: validation.number(f"{label}: that of {name!r}", weight, least=0.0)
+            name: validation.number(f"{label}: weight of {name!r}", weight, least=0.0)
             for name, weight in validation.by_name(label, self.weights, "weights").items()
         }
         if not any(weights.values()):

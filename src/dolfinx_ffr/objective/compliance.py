@@ -38,7 +38,7 @@ class _Compliance(Objective):
         if self.weights is not None:
             label = f"{self._what}: weights"
             for name, weight in validation.by_name(label, self.weights, "numbers").items():
-                validation.number(f"{label}: that of body {name!r}", weight, least=0.0)
+                validation.number(f"{label}: weight of body {name!r}", weight, least=0.0)
 
     def validate(self, inventory: Inventory) -> None:
         self._terms(inventory.modes)

@@ -124,7 +124,7 @@ def moved(
     geometry = geometry_of(problem)
     for name in names:
         expected = geometry.boundary_type, geometry.type_name
-        validation.instance(f"boundary: that of {name!r}", boundaries[name], *expected)
+        validation.instance(f"boundary of {name!r}", boundaries[name], *expected)
     shares = volume if isinstance(volume, Mapping) else dict.fromkeys(names, volume)
     bounds = {}
     for name, most in shares.items():
@@ -318,7 +318,7 @@ def _warn_of_missing(
         accuracy = (
             f"psi still changes by {change:.1%} on the finest mesh, whose value is reported"
             if math.isfinite(change)
-            else "psi is that of the mesh of the steps, as no finer one could be made"
+            else "psi belongs to the mesh of the steps, as no finer mesh could be made"
         )
         texts.append(f"{accuracy}: take smaller cells of the body, or a smaller size")
     texts += steps.remarks(trial)

@@ -85,9 +85,9 @@ def optimize(
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out. It is
             estimated every five iterations, and modes are added where it is exceeded; None leaves
             the modes as they are.
-        boundary: Steps of the boundaries of the parts after those of the densities, see
-            `move_boundary`: `Result.moved` has what they come to, and psi, violations and parts of
-            the result are theirs. By default half as many as the iterations, and 25 at most, for
+        boundary: Steps of the boundaries of the parts that follow the iterations, see
+            `move_boundary`: `Result.moved` has their outcome, to which psi, violations and parts of
+            the result belong. By default half as many as the iterations, and 25 at most, for
             bodies in the plane and exact gradients, and none in space; 0 leaves the boundaries to
             the mesh. Up to twelve more follow where finer meshes exceed a bound. Where such steps
             follow, the iterations end as soon as the design is sharp; without them, nearly as many
@@ -175,7 +175,7 @@ def _with_length(optimizer: Optimizer, run: RunSettings, iterations: int) -> Opt
 def check_run(problem: Problem, design: Any, **settings: Any) -> None:
     """Raise the errors of `optimize` for wrong arguments, without a computation.
 
-    Arguments and errors are those of `optimize`.
+    It takes the arguments of `optimize`.
     """
     comm = _ranks(problem)
     with on_every_rank(comm, "optimize"):

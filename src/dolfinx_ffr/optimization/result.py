@@ -150,7 +150,7 @@ class Result(Shown):
         problem: The problem that evaluates the design, for a sharp level set with the law of cut
             elements.
         violations: Violations relative to the bounds, by name of the constraint ("volume of rod"
-            for a volume). If boundaries were moved they are those of the parts; else the share of
+            for a volume). After steps of the boundary they belong to the parts; else the share of
             material in "loose pieces of rod", which is in psi and not in the part, and 1 for the
             "part of rod" if the design makes no part. Sizes of parts below the minimum are among
             them ("rod: thinnest member near (20, 3) mm"), struts that end free, and violations
@@ -287,8 +287,8 @@ class Result(Shown):
 
         It is a `Part` of a body in the plane, a `Solid` of one in space; `Enclosed` describes both.
         It is made once, as it takes seconds; if its boundary was `moved`, it is the part within
-        this boundary. The ``name`` of the body is by default the only one. Errors and warnings are
-        those of `Part` and `Solid`; a ValueError is raised if no body of this name was designed, or
+        this boundary. The ``name`` of the body is by default the only one. It raises and warns
+        as `Part` and `Solid` do; a ValueError is raised if no body of this name was designed, or
         if several are and none is named.
         """
         designs = self._designs_of_parts
@@ -304,7 +304,7 @@ class Result(Shown):
     def enclosed(self, name: str, **options: Any) -> Part | Solid:
         """The part that the design of the body ``name`` encloses on its elements.
 
-        The ``options`` are those of `Part`. Each call makes a new part.
+        The ``options`` are arguments of `Part`. Each call makes a new part.
         """
         design, body = self.designs[name], self.problem.flexible[name]
         kind: type[Part] | type[Solid] = Solid if body.domain.dimension == 3 else Part
@@ -324,8 +324,8 @@ class Result(Shown):
     def verify(self, **options: Any) -> Verification:
         """Evaluate the problem with all designed bodies as parts that fit.
 
-        The ``options`` are those of `verify`; ``volume`` is by default the bound of the run. Errors
-        and warnings are those of `part` and `verify`. Bounds that the parts exceed are added to
+        The ``options`` are arguments of `verify`; ``volume`` is by default the bound of the run. It
+        raises and warns as `part` and `verify` do. Bounds that the parts exceed are added to
         `violations`, so that the result is not `feasible`.
         """
         validation.keywords("result.verify", options, verify)

@@ -199,7 +199,7 @@ def elementwise_gradient(
 
     The ``evaluation`` is what `value` of the ``problem`` returned, at any time. Elements ``cells``
     of this rank are a mask or numbers, with more than one flexible body a mapping by name; None
-    takes all. The ``solver`` is that of `mode_derivatives`; ``progress`` shows a bar.
+    takes all. The ``solver`` is an argument of `mode_derivatives`; ``progress`` shows a bar.
 
     Raises:
         ValueError: If a body or an element does not exist, the solver is not known, or the

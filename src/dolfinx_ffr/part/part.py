@@ -34,6 +34,7 @@ from ..fem import (
     Face,
     Line,
     LocalSizes,
+    ShapeError,
     built_on_rank_0,
     check_size,
     enclosed,
@@ -388,7 +389,7 @@ class Part(Verifiable):
                     gmsh, drawing, factor * size, order=min(degree, 2), local=local, grow=True
                 )
                 return
-            except ValueError:
+            except ShapeError:
                 if factor == MESHES.smaller[-1]:
                     raise
             gmsh.model.remove()

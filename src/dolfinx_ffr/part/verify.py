@@ -12,6 +12,9 @@ from typing import Any
 from tqdm.auto import tqdm
 
 from .. import validation
+from ..arrays import Array
+from ..fem import ShapeError
+from ..limits import LimitError
 from ..objective import is_stress
 from ..parallel import on_every_rank, on_rank_0
 from ..postprocessing import worst_stress
@@ -341,9 +344,7 @@ def verify(
     validation.flag("verify: progress", progress)
     volume_bounds = _volume_bounds(problem, parts, volume)
     _check_parts(problem, parts)
-    by_body = modes if isinstance(modes, Mapping) else dict.fromkeys(parts, modes)
-    wanted_modes = {name: number for name, number in by_body.items() if number is not None}
-    normal_modes = {n: wanted_modes.get(n, problem.flexible[n].modes) for n in parts}
+    normal_modes = _normal_modes(problem, parts, modes)
     limits = {f"volume of {name}": f"at most {v:.4g}" for name, v in volume_bounds.items()}
     limits |= {constraint.label: constraint.limit for constraint in problem.constraints}
 
@@ -363,7 +364,7 @@ def verify(
         sizes = {name: of_meshes[mesh] for name, of_meshes in sizes_of.items()}
         try:
             with_parts = _meshed(problem, parts, sizes, order, normal_modes)
-        except ValueError as error:
+        except (ShapeError, LimitError) as error:
             if not fitted:
                 raise
             warnings.warn(
@@ -380,9 +381,7 @@ def verify(
             for name in parts
         )
         if not is_reported:
-            densities = {name: evaluation.bodies[name].density for name in with_parts.flexible}
-            for name, part in parts.items():
-                densities[name] = part.density(with_parts.flexible[name].domain)
+            densities = _densities(with_parts, parts, evaluation)
             corrected, calibrated = with_parts.calibrated(with_parts.value(densities))
 
         fitted.append(_figures(max(sizes.values()), corrected, calibrated, parts, volume_bounds))
@@ -399,6 +398,26 @@ def verify(
     for text in _doubts(result):
         warnings.warn(f"verify: {text}", PartWarning, stacklevel=2)
     return result
+
+
+def _normal_modes(
+    problem: Problem, parts: Mapping[str, Enclosed], modes: Mapping[str, int] | int | None
+) -> dict[str, int]:
+    """The number of normal modes of each part, by default as many as the problem's body has."""
+    wanted = modes if isinstance(modes, Mapping) else dict.fromkeys(parts, modes)
+    numbers = {name: body.modes for name, body in problem.flexible.items() if name in parts}
+    return numbers | {name: n for name, n in wanted.items() if name in parts and n is not None}
+
+
+def _densities(
+    with_parts: Problem, parts: Mapping[str, Enclosed], evaluation: Evaluation
+) -> dict[str, Array]:
+    """The density of each body: of parts on their meshes, of other bodies as it was designed."""
+    bodies = with_parts.flexible
+    return {
+        name: parts[name].density(body.domain) if name in parts else evaluation.bodies[name].density
+        for name, body in bodies.items()
+    }
 
 
 def _volume_bounds(

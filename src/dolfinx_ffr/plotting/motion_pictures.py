@@ -51,7 +51,7 @@ def plot_scene(
     Args:
         problem: Bodies and mechanism.
         evaluation: Result of `Problem.value` or `Problem.gradient` at the design.
-        time: Instant [s]; by default that of the largest strain energy.
+        time: Instant [s]; by default the instant of the largest strain energy.
         color: Meaning of the colour of the cells: ``"density"``, or ``"energy"`` (strain energy
             density relative to its largest value at this instant), for which the deformation is
             magnified by a round number that makes it visible.

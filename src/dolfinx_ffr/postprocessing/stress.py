@@ -206,10 +206,10 @@ def worst_stress(
     """The largest von Mises stress of each cell over a motion, and when it occurs.
 
     The ``body`` has a ``name`` in the mechanism; the ``evaluation`` is what `Problem.value` or
-    `Problem.gradient` returned, at any time. Of several load cases the one with the largest stress
-    is told; for the others give `Evaluation.alone`. ``correction``, ``relaxation``, ``void`` and
-    ``clear`` are those of `StressModes.of`. A ValueError if there is no such body, or a number is
-    out of range.
+    `Problem.gradient` returned, at any time. Of several load cases the result is the one with the
+    largest stress; for the others give `Evaluation.alone`. ``correction``, ``relaxation``, ``void``
+    and ``clear`` are arguments of `StressModes.of`. A ValueError if there is no such body, or a
+    number is out of range.
     """
     validation.instance("worst_stress: evaluation", evaluation, Evaluation, "an Evaluation")
     validation.instance("worst_stress: body", body, FlexibleBody, "a FlexibleBody")

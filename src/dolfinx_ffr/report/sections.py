@@ -33,7 +33,7 @@ _PANELS = {
     "sharpness": "Sharpness of the projection over the iterations",
     "frequency": "First frequency over the iterations",
     "modes": "Number of normal modes over the iterations",
-    "mode_error": "Estimated error by the modes left out over the iterations",
+    "mode_error": "Estimated error by truncated modes over the iterations",
 }
 #: Entries of the record that are reported as missing
 _NEEDED = "psi scene parts verification constraints stress warnings versions command date".split()
@@ -201,7 +201,7 @@ def _last_psi(run: Run, columns: Mapping[str, Any]) -> str:
         return ""
     reason = "the finished design is evaluated once more, with the law for cut elements"
     if run.moved:
-        reason = "steps of its boundary have followed, and the reported value is that of the part"
+        reason = "steps of its boundary have followed, and the reported value belongs to the part"
     return (
         f"The last ψ of the history is {run.psi.text(float(history_psi[-1]))} {run.psi.name}, the "
         f"reported one {run.psi.text(psi)} {run.psi.name}: {reason}."
@@ -259,7 +259,7 @@ _BUILT: tuple[tuple[str, str, Callable[[Run], Any], Any], ...] = (
     ("parameters", "parameters", results.parameters, None),
     ("load_cases", "load_cases", results.load_cases, None),
     ("comparison", "other designs", results.comparison, None),
-    ("bodies", "figures of the part beside those of the design", results.reported_and_part, []),
+    ("bodies", "figures of part and design", results.reported_and_part, []),
     ("figures_of_densities", "stress and frequencies", results.figures_of_densities, None),
     ("parts", "parts", model.parts, []),
     ("scene", "scene", model.scene, {}),

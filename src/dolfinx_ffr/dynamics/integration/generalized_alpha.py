@@ -31,7 +31,7 @@ from .start import (
     start_accelerations,
     start_accelerations_pullback,
 )
-from .steps import Steps, backward, march, step_bars
+from .steps import StepBars, Steps, backward, march, step_bars
 
 
 @dataclass(frozen=True)
@@ -132,25 +132,13 @@ class GeneralizedAlpha(Integrator):
         return (alpha_m - alpha_f) * self.step / model.offset
 
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
-        count, offset, kinematics = int(self.steps), model.offset, Kinematics(model.arrays)
+        count, kinematics = int(self.steps), Kinematics(model.arrays)
         trajectory = at_rest(model, model.times[: count + 1], self)
-        y, v, w, a = trajectory.y, trajectory.v, trajectory.w, trajectory.a
-        near_start, multipliers = trajectory.beginning, trajectory.multipliers
-        y[0], v[0] = y0, v0
+        trajectory.y[0], trajectory.v[0] = y0, v0
         kinematics.begin(y0)
-        at_start = start_accelerations(kinematics, 0, y0, v0)
-        shortly_after = None
-        if at_start is not None:
-            w[0], multipliers[0] = at_start
-            shifted = y0 + offset * v0 + 0.5 * offset * offset * w[0]
-            near_start[0] = model.arrays.retract(y0, shifted)
-            near_start[1] = v0 + offset * w[0]
-            # The tables of the mechanism end with the instant near the start.
-            shortly_after = start_accelerations(kinematics, count + 1, *near_start[:2])
-        if shortly_after is None:
+        if not self._begin(trajectory, kinematics):
             raise SimulationError(NO_START, leading(trajectory, 0))
-        near_start[2], near_start[3, : model.rows] = shortly_after
-        a[0] = w[0] + self._near_start_weight(model) * (near_start[2] - w[0])
+
         steps = self._steps(trajectory, self.step)
         system = Table(linear_system(model.size + 2 * model.rows))
         status = march(kinematics.table, Table(steps), system)
@@ -163,55 +151,86 @@ class GeneralizedAlpha(Integrator):
             raise SimulationError(text, leading(trajectory, good))
         return trajectory
 
+    def _begin(self, trajectory: Trajectory, kinematics: Kinematics) -> bool:
+        """Set the accelerations at the start, and the state near it; False where there are none."""
+        model, near_start = trajectory.model, trajectory.beginning
+        y, v, w, offset = trajectory.y[0], trajectory.v[0], trajectory.w[0], model.offset
+        at_start = start_accelerations(kinematics, 0, y, v)
+        if at_start is None:
+            return False
+        w[:], trajectory.multipliers[0] = at_start
+
+        near_start[0] = model.arrays.retract(y, y + offset * v + 0.5 * offset * offset * w)
+        near_start[1] = v + offset * w
+        shortly_after = start_accelerations(kinematics, _near_start(model), *near_start[:2])
+        if shortly_after is None:
+            return False
+        near_start[2], near_start[3, : model.rows] = shortly_after
+        trajectory.a[0] = w + self._near_start_weight(model) * (near_start[2] - w)
+        return True
+
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
         model = trajectory.model
         kinematics = Kinematics(model.arrays, trajectory.turns)
-        h, offset = float(model.times[1] - model.times[0]), model.offset
+        h = float(model.times[1] - model.times[0])
         steps = self._steps(trajectory, h)
         bars = step_bars(bar.y, bar.v, bar.w, bar.multipliers)
         system = Table(linear_system(model.size + 2 * model.rows))
         if backward(kinematics.table, Table(steps), Table(bars), system) != CONVERGED:
             t = trajectory.t[steps.last[0]]
             raise RuntimeError(f"the matrix of the step at t = {t:.6g} s is singular")
-        y_bar, v_bar, w_bar, a_bar = bars.start
+
+        y_bar, v_bar, adjoint_near_start = self._begin_pullback(trajectory, kinematics, bars)
+        near_start = trajectory.beginning
+        samples = Samples(
+            np.append(np.arange(trajectory.steps + 1), _near_start(model)),
+            np.vstack([trajectory.y, near_start[0]]),
+            np.vstack([trajectory.v, near_start[1]]),
+            np.vstack([trajectory.w, near_start[2]]),
+            np.vstack([bars.adjoint, adjoint_near_start]),
+        )
+        return TrajectoryPullback(
+            samples,
+            (h * bars.left, bars.right),
+            y_bar,
+            v_bar,
+            kinematics.marker_bars,
+            kinematics.table_bars,
+        )
+
+    def _begin_pullback(
+        self, trajectory: Trajectory, kinematics: Kinematics, bars: StepBars
+    ) -> tuple[Array, Array, Array]:
+        """Transpose of :meth:`_begin`; sets the adjoint at the start.
+
+        Gives the derivatives with respect to y and v at the start, and the adjoint near it, (n,)
+        each.
+        """
+        model, offset = trajectory.model, trajectory.model.offset
         weight = self._near_start_weight(model)
+        y_bar, v_bar, w_bar, a_bar = bars.start
         y_bar, v_bar = y_bar + bars.y[0], v_bar + bars.v[0]
         w_bar = w_bar + ((1.0 - weight) * a_bar + bars.w[0])
-        # The tables of the mechanism end with the instant near the start.
-        instant = len(model.arrays.drive) - 1
+
         *near_start, multipliers = trajectory.beginning
-        ye, ve, adjoint_near_start = start_accelerations_pullback(
+        y_near_bar, v_near_bar, adjoint_near_start = start_accelerations_pullback(
             kinematics,
-            instant,
+            _near_start(model),
             (*near_start, multipliers[: model.rows]),
             weight * a_bar,
             0.0 * bars.lam[0],
         )
         # From coordinates near the start to the shift that leads there.
         shift = offset * trajectory.v[0] + 0.5 * offset * offset * trajectory.w[0]
-        shift_bar, ye = model.arrays.retract_pullback(shift, ye)
-        w_bar = w_bar + (0.5 * offset * offset * shift_bar + offset * ve)
-        y_bar, v_bar = y_bar + ye, v_bar + (offset * shift_bar + ve)
+        shift_bar, y_near_bar = model.arrays.retract_pullback(shift, y_near_bar)
+        w_bar = w_bar + (0.5 * offset * offset * shift_bar + offset * v_near_bar)
+        y_bar, v_bar = y_bar + y_near_bar, v_bar + (offset * shift_bar + v_near_bar)
+
         start = trajectory.y[0], trajectory.v[0], trajectory.w[0], trajectory.multipliers[0]
-        ye, ve, bars.adjoint[0] = start_accelerations_pullback(
+        by_y, by_v, bars.adjoint[0] = start_accelerations_pullback(
             kinematics, 0, start, w_bar, bars.lam[0]
         )
-        samples = Samples(
-            np.append(np.arange(trajectory.steps + 1), instant),
-            np.vstack([trajectory.y, near_start[0]]),
-            np.vstack([trajectory.v, near_start[1]]),
-            np.vstack([trajectory.w, near_start[2]]),
-            np.vstack([bars.adjoint, adjoint_near_start]),
-        )
-        corrections = h * bars.left, bars.right
-        return TrajectoryPullback(
-            samples,
-            corrections,
-            y_bar + ye,
-            v_bar + ve,
-            kinematics.marker_bars,
-            kinematics.table_bars,
-        )
+        return y_bar + by_y, v_bar + by_v, adjoint_near_start
 
     def _steps(self, trajectory: Trajectory, h: float) -> Steps:
         """Arrays of a trajectory for the compiled loops, without copies."""
@@ -230,3 +249,8 @@ class GeneralizedAlpha(Integrator):
             np.zeros(n),
             np.zeros(rows),
         )
+
+
+def _near_start(model: FlatModel) -> int:
+    """Number of the instant near the start, with which the tables of a mechanism end."""
+    return len(model.arrays.drive) - 1

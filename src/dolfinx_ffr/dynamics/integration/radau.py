@@ -347,6 +347,52 @@ class _Attempt(NamedTuple):
     errors: Array  #: Norms of their errors, shape (steps, 4).
 
 
+@dataclass
+class _StepSize:
+    """Proportional-integral controller of the steps' length, and of how many are taken at once."""
+
+    length: float  #: Of the next steps [s].
+    longest: float  #: Largest length [s].
+    batch: int = 1  #: Number of steps that are taken at once.
+    #: Largest error of the steps before, in parts of the admissible one.
+    last_error: float = 1.0
+
+    def begin_anew(self) -> None:
+        """Forget the steps before, behind which the motion is another one."""
+        self.batch, self.last_error = 1, 1.0
+
+    def ends(self, t: float, end: float) -> Array:
+        """Ends of the next steps from t [s], the first of them t; none goes beyond the end."""
+        count = math.ceil((end - t) / self.length * (1.0 - 1e-9))
+        if count <= self.batch:
+            return np.linspace(t, end, max(count, 1) + 1)
+        return t + self.length * np.arange(self.batch + 1)
+
+    def accepted(self, error: float) -> None:
+        """Adapt to steps with an error in parts of the admissible one."""
+        error = max(error, 1e-8)
+        factor = CONTROL.safety * error**-CONTROL.proportional
+        factor *= self.last_error**CONTROL.integral
+        self.last_error = error
+        if CONTROL.steady[0] < factor < CONTROL.steady[1]:
+            self.batch = min(2 * self.batch, CONTROL.most_at_once)
+            return
+        self.length *= min(max(factor, CONTROL.least_factor), CONTROL.largest_factor)
+        self.length = min(self.length, self.longest)
+        self.batch = min(self.batch + 1, CONTROL.most_at_once) if factor < 1.5 else 1
+
+    def rejected(self, error: float) -> None:
+        """Shorten a step whose error was too large."""
+        factor = CONTROL.safety * min(max(error, 1.0), 1e8) ** (-1.0 / 4.0)
+        self.length *= min(max(CONTROL.least_factor, factor), CONTROL.after_rejection)
+        self.begin_anew()
+
+    def diverged(self) -> None:
+        """Shorten a step for which Newton's method failed."""
+        self.length *= CONTROL.after_divergence
+        self.begin_anew()
+
+
 class _March:
     """State of the integration between two calls of the compiled loop."""
 
@@ -427,41 +473,22 @@ class _March:
         The norms grow on the way.
         """
         limit = tolerance**CONTROL.exponent
-        h, batch, last_error = min(first_step, self.end_time), 1, 1.0
+        step = _StepSize(min(first_step, self.end_time), self.end_time)
         while self.t < self.end_time:
-            t = self.t
-            end = next(end for end in self.ends if end > t)
-            if t in self.ends:
-                batch, last_error = 1, 1.0
-            count = math.ceil((end - t) / h * (1.0 - 1e-9))
-            if count <= batch:
-                ends = np.linspace(t, end, max(count, 1) + 1)
-            else:
-                ends = t + h * np.arange(batch + 1)
-
-            attempt = self.advance(ends, limit)
+            if self.t in self.ends:
+                step.begin_anew()
+            end = next(end for end in self.ends if end > self.t)
+            attempt = self.advance(step.ends(self.t, end), limit)
             if attempt.outcome == CONVERGED:
-                error = max(_relative(attempt.errors, self.norms) / limit, 1e-8)
-                factor = CONTROL.safety * error**-CONTROL.proportional
-                factor *= last_error**CONTROL.integral
-                last_error = error
-                if CONTROL.steady[0] < factor < CONTROL.steady[1]:
-                    batch = min(2 * batch, CONTROL.most_at_once)
-                else:
-                    h *= min(max(factor, CONTROL.least_factor), CONTROL.largest_factor)
-                    h = min(h, self.end_time)
-                    batch = min(batch + 1, CONTROL.most_at_once) if factor < 1.5 else 1
+                step.accepted(_relative(attempt.errors, self.norms) / limit)
                 continue
 
             if attempt.outcome == REJECTED:
-                of_step = attempt.errors[attempt.good : attempt.good + 1]
-                error = _relative(of_step, self.norms) / limit
-                factor = CONTROL.safety * min(max(error, 1.0), 1e8) ** (-1.0 / 4.0)
-                h *= min(max(CONTROL.least_factor, factor), CONTROL.after_rejection)
+                errors_of_step = attempt.errors[attempt.good : attempt.good + 1]
+                step.rejected(_relative(errors_of_step, self.norms) / limit)
             else:
-                h *= CONTROL.after_divergence
-            batch, last_error = 1, 1.0
-            if h < CONTROL.shortest * self.end_time:
+                step.diverged()
+            if step.length < CONTROL.shortest * self.end_time:
                 raise self.failure(attempt)
 
     def advance(self, ends: Array, limit: float, kinematics: Kinematics | None = None) -> _Attempt:
