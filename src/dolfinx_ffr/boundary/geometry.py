@@ -151,19 +151,18 @@ class PlaneGeometry(BoundaryGeometry[Boundary]):
         for _ in range(CURVES.mending):
             constraints = [self.sizes(boundary), self.radii(boundary)]
             violation = max(rows.size_violation for rows in constraints)
-            area, area_slopes = _area(boundary)
-            added_area = area - first_area
-            if violation <= tolerance and added_area <= CURVES.added_area * member**2:
+            if violation <= tolerance:
                 break
             constraints.append(self.position_rows(boundary, 1.5 * reach * member))
 
             # a member that becomes wider takes no more material: one more row, of length one
+            area, area_slopes = _area(boundary)
             area_row = member * area_slopes
             length = max(float(np.linalg.norm(area_row)), 1e-300)
             size_slopes = [member * rows.slopes for rows in constraints]
             slopes = np.vstack([*size_slopes, area_row / length])
             size_values = [rows.values for rows in constraints]
-            values = np.concatenate([*size_values, [added_area / length]])
+            values = np.concatenate([*size_values, [(area - first_area) / length]])
 
             step = best_step(metric, no_gradient, values, slopes, fixed, reach, None, self.steps)
             boundary = boundary.moved(member * step.offsets)

@@ -40,7 +40,6 @@ class StepOptions:
     # the topology
     worth: float = 1e-3  #: Fall of the merit for which it changes; simpler parts may cost half
     changes: int = 8  #: Most changes of each kind between two steps
-    stiff: float = 0.1  #: Share of psi that a body's stiffness carries where struts count at all
     slide: float = 1.0  #: First slide of a crossing
     slide_reach: float = 4.0  #: Longest slide, and length over which holes around it slide along
 
@@ -83,13 +82,13 @@ class BoundaryOptions:
     constrained: float = 1.5  #: Sizes up to so many times the minimum have a row
     across: float = 0.8  #: Least cosine between a width and the normals at its ends
     mending: int = 3  #: Most rounds in which the sizes of a trial are mended
-    added_area: float = 0.1  #: Area that this may add, in squares of the minimum member
 
     # the topology
     idle: float = 2e-3  #: Share of psi that a strut carries at most to be removed on trial
     idle_tried: int = 3  #: Idle struts that are tried at one time
     promised: float = 0.01  #: Fall of log psi that a new strut must promise to be tried
     strut_ends: float = 1.5  #: Distance of points between which struts are looked for
+    shortest_strut: float = 3.0  #: Length
     steep: float = 0.3  #: Least cosine between a strut and the normals at its ends
     strut_width: float = 1.1  #: Width of struts that are inserted
     joined: float = 6.0  #: Largest distance of holes that are joined

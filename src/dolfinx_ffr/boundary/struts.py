@@ -36,6 +36,7 @@ def _candidates(boundary: Boundary) -> tuple[Array, Integers]:
         # normals are out of the material
         is_across = np.einsum("ij,ij->i", displacement, normals[i]) > CURVES.steep * length
         is_across &= np.einsum("ij,ij->i", displacement, normals[j]) < -CURVES.steep * length
+        is_across &= length > CURVES.shortest_strut * boundary.member
         pairs = np.column_stack([i[is_across], j[is_across]])
 
         room = boundary.hole(key).buffer(0.1 * boundary.member)

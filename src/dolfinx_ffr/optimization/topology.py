@@ -58,8 +58,7 @@ def _struts(
 ) -> dict[str, Struts]:
     """Sensitivity of the Lagrangian to the stiffness of every possible strut, by body.
 
-    Not where the largest stress counts, as that depends on more than the volume integrals, and not
-    of bodies whose stiffness hardly counts.
+    Empty where the largest stress counts, as that depends on more than the volume integrals.
     """
     sensitivities: dict[str, Struts] = {}
     if descent.is_stressed:
@@ -70,9 +69,7 @@ def _struts(
         for bound, cost in zip(evaluation.constraints.values(), multipliers, strict=False):
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
-        struts = body.struts(evaluation.bodies[name], bar)
-        if body.domain.sum(struts.carried) > descent.options.stiff:
-            sensitivities[name] = struts
+        sensitivities[name] = body.struts(evaluation.bodies[name], bar)
     return sensitivities
 
 
