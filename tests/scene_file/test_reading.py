@@ -8,6 +8,7 @@ import codecs
 import inspect
 import re
 from importlib.resources import files
+from inspect import isabstract
 from pathlib import Path
 from typing import Any
 
@@ -82,11 +83,16 @@ def test_units_are_those_of_the_documentation() -> None:
 
 def test_every_joint_force_and_objective_can_be_written() -> None:
     """The table of kinds names all that are public."""
-    public = {name for name in ffr.__all__ if isinstance(getattr(ffr, name), type)}
-    for base in (Joint, ffr.mechanism.AppliedForce, ffr.Objective, ffr.mechanism.Start):
+    public = {name: getattr(ffr, name) for name in ffr.__all__}
+    for folder, names in ffr._BY_FOLDER.items():
+        public |= {name: getattr(getattr(ffr, folder), name) for name in names}
+    classes = {name: thing for name, thing in public.items() if isinstance(thing, type)}
+    needs_a_function = {"DimensionDesign"}
+    bases = (Joint, ffr.mechanism.AppliedForce, ffr.Objective, ffr.mechanism.Start)
+    for base in (*bases, ffr.design.Variables):
+        concrete = {n for n, k in classes.items() if issubclass(k, base) and not isabstract(k)}
         kinds = kinds_of([base])
-        missing = {n for n in public if issubclass(getattr(ffr, n), base)} - {*kinds, "Objective"}
-        assert kinds and not missing
+        assert kinds and not concrete - {*kinds, "Objective"} - needs_a_function
     motions = "constant polynomial smooth_step fourier spline from_table".split()
     assert list(kinds_of([ffr.Motion])) == motions
     for target, argument, kinds in (

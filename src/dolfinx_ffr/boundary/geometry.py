@@ -186,11 +186,11 @@ class PlaneGeometry(BoundaryGeometry[Boundary]):
         domain = struts.domain
         x, y = domain.everywhere(domain.centroids)[:, :2].T
         carried = domain.everywhere(struts.carried)
-        strut_shares = StrutShares()
+        shares = StrutShares()
         for pair, strut in struts_between_holes(boundary):
             shapely.prepare(strut)
-            strut_shares[pair] = float(np.sum(carried[shapely.contains_xy(strut, x, y)]))
-        return strut_shares
+            shares[pair] = float(np.sum(carried[shapely.contains_xy(strut, x, y)]))
+        return shares
 
     def without_idle_struts(
         self, boundary: Boundary, shares: StrutShares

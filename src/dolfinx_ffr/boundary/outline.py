@@ -268,7 +268,8 @@ class Boundary:
     def metric(self, length: float) -> csc_matrix:
         """The matrix of motions that are smooth over a ``length`` [m], (orbits, orbits).
 
-        It is 1 + length^2 times second differences along each curve.
+        It is 1 + length^2 times second differences along each curve; controls of open curves are
+        twice as far apart as those of closed ones.
         """
         every_control = np.arange(self.n_controls)
         rows, columns, values = [every_control], [every_control], [np.ones(len(every_control))]

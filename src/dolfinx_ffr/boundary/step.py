@@ -78,17 +78,18 @@ def best_step(
     squares: Any = slopes.multiply(slopes) if are_many else slopes**2  # type: ignore[union-attr]
     with_slope = np.flatnonzero(np.asarray(squares[:, free].sum(axis=1)).ravel())
     free_slopes = slopes[with_slope][:, free]
-    violations = np.minimum(values[with_slope], options.violation_share)
+    # a step removes only a share of a large violation
+    limited_values = np.minimum(values[with_slope], options.violation_share)
     solver_type = _ManyConstraints if are_many else _FewConstraints
     solver = solver_type(factor, free_slopes, downhill, curvature_columns)
 
     only_mends = not np.any(gradient)
     weight = reach / max(float(np.max(np.abs(downhill), initial=0.0)), 1e-300)
     for _ in range(SOLVER.weight_rounds):
-        motion = solver.solve(violations, weight)[0]
+        motion = solver.solve(limited_values, weight)[0]
         longest = float(np.max(np.abs(motion), initial=0.0))
-        if (only_mends and not are_many) or longest == 0.0:
-            break
+        if longest == 0.0 or (only_mends and not are_many):
+            break  # the weight of a zero gradient does not matter where the solution is exact
         if 1.0 - SOLVER.reach_accuracy < longest / reach < 1.0 + SOLVER.reach_accuracy:
             break
         weight *= float(np.clip(reach / longest, *SOLVER.weight_factors))
@@ -99,7 +100,7 @@ def best_step(
     offsets[free] = motion
     multipliers = np.zeros(len(values))
     if not only_mends:  # removing a violation is not counted as a change of psi
-        satisfied = np.minimum(violations, 0.0)
+        satisfied = np.minimum(limited_values, 0.0)
         multipliers[with_slope] = solver.solve(satisfied, weight)[1] / weight
     quadratic = 0.5 * np.sum((motion @ curvature_columns) ** 2)
     promised = -float(gradient[free] @ motion + quadratic)

@@ -380,10 +380,11 @@ class Surface:
         return replace(self, coefficients=idctn(smooth, norm="ortho"))
 
     def with_windows(self, places: Array, changes: Array) -> Iterator[tuple[Surface, int]]:
-        """Surfaces with windows that may lower psi, and how many.
+        """Surfaces with windows that may lower psi, and the number of windows in each.
 
-        All that promise it, and fewer and fewer of them. ``changes`` (cells,) are those of log psi
-        if the material of the cells at ``places`` (cells, 3) went.
+        The first has all promising windows, each further one half as many. ``changes`` (cells,)
+        are the changes of log psi if the material of the cells at ``places`` (cells, 3) were
+        removed.
         """
         windows = promising(self.walls, self._images, self.member, places, changes, self.options)
         count = len(windows)

@@ -286,7 +286,7 @@ def _resonance(trajectory: Trajectory) -> Warnings:
 
 
 def _unjudged_forces(trajectory: Trajectory) -> Warnings:
-    """Adaptive steps that follow the motion alone, as no steps follow the forces in joints."""
+    """Warn that adaptive steps bound the error of the motion, and not that of joint forces."""
     forces_judged = not math.isnan(trajectory.force_error)
     if forces_judged or not trajectory.integrator.adaptive or not trajectory.model.rows:
         return

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mpi4py import MPI
@@ -224,7 +224,13 @@ def find_interfaces(
         )
     by_name: dict[str, Interface] = {}
     for name, selection in interfaces.items():
-        interface = _interface(space, name, selection, centers.get(name), box)
+        interface = _interface(space, name, selection, box)
+        if name in centers:
+            d = len(interface.center)
+            expected = "two components" if d == 2 else "three components"
+            argument = f"interface {name!r}: center"
+            center = validation.real_array(argument, centers[name], (d,), expected=expected)
+            interface = replace(interface, center=center.copy())
         _refuse_shared_nodes(space.mesh.comm, interface, by_name)
         by_name[name] = interface
     return by_name
@@ -234,10 +240,9 @@ def _interface(
     space: Any,
     name: str,
     selection: Predicate | ArrayLike,
-    center: Sequence[float] | None,
     box: Array,
 ) -> Interface:
-    """The interface of selected facets, with a ``center`` or, by default, its own."""
+    """The interface of selected facets, with the center of its surface."""
     domain: mesh.Mesh = space.mesh
     comm, dim = domain.comm, domain.topology.dim
     facets = located(domain, f"interface {name!r}", selection, dim - 1)
@@ -259,12 +264,8 @@ def _interface(
             f"interface {name!r} is a single point: it cannot hold the body against rotation"
         )
 
-    reference_point, axis = _surface(domain, facets)
-    if center is not None:
-        expected = "two components" if dim == 2 else "three components"
-        argument = f"interface {name!r}: center"
-        reference_point = validation.real_array(argument, center, (dim,), expected=expected).copy()
-    return Interface(name, facets, dofs, reference_point, extent, axis)
+    center, axis = _surface(domain, facets)
+    return Interface(name, facets, dofs, center, extent, axis)
 
 
 def _refuse_shared_nodes(

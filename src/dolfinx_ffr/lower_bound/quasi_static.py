@@ -72,7 +72,10 @@ class StaticBody:
         return StaticBody(body.with_interpolation(PLATE).with_modes(modes))
 
     def respond(self, density: Array) -> UnitResponse:
-        """Displacements and work of unit loads at a ``density``, shape (cells,); collective."""
+        """Displacements and work at a ``density``, shape (cells,), of the unit loads.
+
+        These are unit accelerations of the frame, and unit forces and moments at each marker.
+        """
         body, d = self.body, self.body.domain.dimension
         reduced = body.reduce(density)
         factored = body.factored(reduced)

@@ -84,7 +84,7 @@ def best_sheet(
 
 
 def stepped(domain: Domain, x: Array, history: BodyHistory, share: float | None) -> Array:
-    """The density to which the separable approximation leads from ``x``, by the slopes of psi."""
+    """The minimiser of the separable approximation of psi at ``x``, within the volume, (cells,)."""
     sizes, designed = domain.cell_volumes, domain.design_cells
     m, e = history.by_mass / sizes, np.maximum(-history.by_stiffness / sizes, 0.0)
     room = room_of(domain, share)

@@ -322,7 +322,7 @@ class Result(Shown):
         return whole
 
     def verify(self, **options: Any) -> Verification:
-        """Evaluate the problem with all designed bodies as parts that fit.
+        """Evaluate the problem on meshes that fit the parts of all designed bodies.
 
         The ``options`` are arguments of `verify`; ``volume`` is by default the bound of the run. It
         raises and warns as `part` and `verify` do. Bounds that the parts exceed are added to

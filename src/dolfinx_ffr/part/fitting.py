@@ -88,14 +88,16 @@ def followed(points: Array, field: Field, tolerance: float, *, closed: bool = Fa
     # the line may pass through a corner of the lattice, which two of its cells then find
     is_new = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * tolerance
     points = points[np.append(True, is_new)] if np.any(is_new) else points
-    for _ in range(CURVES.rounds if len(points) > (6 if closed else 3) else 0):
+    least_points = 6 if closed else 3
+    rounds = CURVES.rounds if len(points) > least_points else 0
+    for _ in range(rounds):
         u = chord_lengths(points)
         spline = make_interp_spline(u, points, k=3, bc_type="periodic" if closed else None)
         between = spline(0.5 * (u[1:] + u[:-1]))
-        step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        zeros = projected(between, field, 0.2 * step)
+        reach = 0.2 * np.linalg.norm(np.diff(points, axis=0), axis=1)
+        zeros = projected(between, field, reach)
         distance = np.linalg.norm(zeros - between, axis=1)
-        is_off = (distance > tolerance) & (distance < 0.2 * step)
+        is_off = (distance > tolerance) & (distance < reach)
         if not np.any(is_off):
             break
         points = np.insert(points, np.flatnonzero(is_off) + 1, zeros[is_off], axis=0)
@@ -159,7 +161,7 @@ def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
 
 
 def _clamped(spline: BSpline, start: Array, end: Array) -> Spline:
-    """The same function on [0, 1] with knots of full multiplicity at both ends."""
+    """The ``spline`` with clamped knots on [0, 1], from ``start`` to ``end``, (2,) each."""
     k = spline.k
     inner = spline.t[(spline.t > 1e-12) & (spline.t < 1.0 - 1e-12)]
     knots = np.concatenate([np.zeros(k + 1), inner, np.ones(k + 1)])

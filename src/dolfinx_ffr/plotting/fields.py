@@ -286,6 +286,7 @@ def _write_page(
     The ``margin`` around the body is relative to its extent.
     """
     canvas_of_body = canvas_class(mesh.domain.dimension)
+    in_the_plane = mesh.domain.dimension == 2
 
     def draw(file: Path) -> None:
         width = style.PICTURES.width if columns == 1 else style.PICTURES.modes_width
@@ -302,7 +303,7 @@ def _write_page(
             if color_bar is not None:
                 style.add_color_bar(panels, *color_bar)
             if interfaces:
-                shades = {"void": "white", "solid": "black"} if points is mesh.points else {}
+                shades = {"void": "white", "solid": "black"} if in_the_plane else {}
                 names = {**shades, **style.accents(mesh.interfaces)}
                 style.add_legend(panels[-1], names, style.extent(mesh.points))
 

@@ -66,16 +66,19 @@ class DrawnBody:
         return float(np.max(np.linalg.norm(away, axis=1), initial=0.0))
 
     def _undeformed(self, points: Array, instant: int) -> Array:
-        """Lay points of the undeformed body through the joints, in the body's frame."""
-        jointed = [self.markers[name] for name in self.jointed]
-        if not jointed:
+        """Points (n, d) of the undeformed body where its joints are, in the body's frame.
+
+        The points are moved by the similarity that takes the joints to their deformed places.
+        """
+        joint_markers = [self.markers[name] for name in self.jointed]
+        if not joint_markers:
             return points
         q = self.elastic[instant]
-        undeformed = np.array([marker.position for marker in jointed])
-        deformed = undeformed + np.array([marker.displacement @ q for marker in jointed])
+        undeformed = np.array([marker.position for marker in joint_markers])
+        deformed = undeformed + np.array([marker.displacement @ q for marker in joint_markers])
         middle, target = undeformed.mean(axis=0), deformed.mean(axis=0)
-        if len(jointed) == 1 and (self.welded or len(middle) == 3):
-            turn = _rotation(jointed[0].rotation @ q)
+        if len(joint_markers) == 1 and (self.welded or len(middle) == 3):
+            turn = _rotation(joint_markers[0].rotation @ q)
         else:
             turn = _similarity(undeformed - middle, deformed - target)
         return np.asarray(target + (points - middle) @ turn.T)

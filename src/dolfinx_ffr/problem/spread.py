@@ -186,7 +186,7 @@ def _named(case: str) -> Iterator[None]:
 
 @contextmanager
 def _recorded(case: str, recorded: dict[str, list[tuple[type[Warning], str]]]) -> Iterator[None]:
-    """A context that records warnings, for all ranks, and names the load case in errors."""
+    """A context in which warnings go into ``recorded[case]``, and errors name the load case."""
     with warnings.catch_warnings(record=True) as caught, _named(case):
         warnings.simplefilter("always")
         yield

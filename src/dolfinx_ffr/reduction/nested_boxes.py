@@ -110,7 +110,10 @@ def _number_in_lattice(places: Integers, planes: Sequence[NDArray[Any]]) -> Inte
 
 
 def _along_axis(x: Array, coarse: Integers) -> sparse.csr_matrix:
-    """From values on the ``coarse`` ones of planes at ``x`` to those on all, linear between."""
+    """Linear interpolation, (planes, coarse planes), from the planes numbered ``coarse`` to all.
+
+    The planes are at ``x`` [m].
+    """
     plane = np.arange(len(x))
     right = np.clip(np.searchsorted(coarse, plane), 1, len(coarse) - 1)
     low, high = x[coarse[right - 1]], x[coarse[right]]

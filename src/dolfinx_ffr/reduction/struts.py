@@ -116,16 +116,22 @@ def _at_nodes(
 
 
 def _solid(elasticity: Elasticity, matrices: Matrices) -> tuple[float, Array]:
-    """Mass by area [kg/m^2] and compliance (3, 3) of resultants xx, yy, xy [m/N] of the body."""
+    """Homogenised mass by area [kg/m^2] and compliance (3, 3) of the body's material [m/N].
+
+    The compliance takes the resultants xx, yy, xy to strains. Both are as if material of density
+    one filled the area.
+    """
     x = elasticity.coordinates()
     zeros = np.zeros(len(x))
-    columns = [
-        (x[:, 0], zeros), (zeros, x[:, 1]), (0.5 * x[:, 1], 0.5 * x[:, 0]), (zeros + 1.0, zeros)
-    ]  # fmt: skip
-    fields = np.column_stack([np.column_stack(column).ravel() for column in columns])
-    # as if all material were where the density is one
+    strain_fields = [
+        np.column_stack([x[:, 0], zeros]),
+        np.column_stack([zeros, x[:, 1]]),
+        np.column_stack([0.5 * x[:, 1], 0.5 * x[:, 0]]),
+    ]
+    unit_strains = np.column_stack([field.ravel() for field in strain_fields])
+    unit_translation = np.column_stack([zeros + 1.0, zeros]).reshape(-1, 1)
+
     area = elasticity.domain.sum(matrices.density * elasticity.domain.cell_volumes)
-    stiffness = elasticity.inner(fields[:, :3], elasticity.apply(matrices.stiffness, fields[:, :3]))
-    unit = fields[:, 3:]
-    mass = elasticity.inner(unit, elasticity.apply(matrices.mass, unit))
+    stiffness = elasticity.inner(unit_strains, elasticity.apply(matrices.stiffness, unit_strains))
+    mass = elasticity.inner(unit_translation, elasticity.apply(matrices.mass, unit_translation))
     return float(mass[0, 0]) / area, np.linalg.inv(stiffness / area)

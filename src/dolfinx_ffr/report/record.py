@@ -47,7 +47,7 @@ from .. import validation
 from ..dynamics import SimulationError, Trajectory
 from ..io import plain
 from ..mechanical_problem import MechanicalProblem
-from ..mechanism import AngleCoupling, Mechanism, PrescribedAngle, marker_name
+from ..mechanism import Mechanism, marker_name
 from ..objective import JointForce, Objective
 from ..optimization import Result
 from ..parallel import on_rank_0
@@ -139,7 +139,7 @@ def run_record(
     record = {
         "title": title,
         **result.summary(),
-        "objective": _objective(problem),
+        "objective": _objective(problem, evaluation),
         "load_cases": _load_cases(problem, evaluation) if len(problem.load_cases) > 1 else {},
         "references": {name: float(psi) for name, psi in (references or {}).items()},
         "constraints": _constraints(result, bounds),
@@ -173,17 +173,23 @@ def _bound(result: Result, psi: float) -> dict[str, Any]:
         return {"text": str(error)}
 
 
-def _unit(objective: Objective, mechanism: Mechanism) -> str:
-    if isinstance(objective, JointForce):
-        joints = dict(zip(mechanism.joint_names, mechanism.joints, strict=True))
-        turns = isinstance(joints.get(str(objective.joint)), AngleCoupling | PrescribedAngle)
-        return "N m" if objective.moment or turns else "N"
+def _unit(objective: Objective, trajectory: Trajectory | None) -> str:
+    """Unit of an ``objective``; joints whose rows are all angles carry moments."""
+    if isinstance(objective, JointForce) and trajectory is not None:
+        model = trajectory.model
+        is_drive = isinstance(objective.joint, str) and all(
+            model.angular[model.joints[objective.joint]]
+        )
+        return "N m" if objective.moment or is_drive else "N"
     return objective.unit
 
 
-def _objective(problem: Problem) -> dict[str, str]:
+def _objective(problem: Problem, evaluation: Evaluation) -> dict[str, str]:
     """Name and unit of psi; of several load cases the unit is known without weights only."""
-    units = {_unit(case.objective, case.mechanism) for case in problem.load_cases.values()}
+    units = {
+        _unit(case.objective, evaluation.load_cases[name].trajectory)
+        for name, case in problem.load_cases.items()
+    }
     name, combine = type(problem.combine).__name__, problem.combine
     if len(problem.load_cases) == 1:
         name = type(problem.objective).__name__
@@ -195,7 +201,10 @@ def _load_cases(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
     entries: dict[str, Any] = {}
     for name, case in problem.load_cases.items():
         objective, case_evaluation = case.objective, evaluation.load_cases[name]
-        kind = {"name": type(objective).__name__, "unit": _unit(objective, case.mechanism)}
+        kind = {
+            "name": type(objective).__name__,
+            "unit": _unit(objective, case_evaluation.trajectory),
+        }
         entries[name] = {
             "psi": case_evaluation.psi,
             "objective": kind,
@@ -290,11 +299,15 @@ def _constraints(result: Result, bounds: Mapping[str, float]) -> dict[str, Any]:
         name = f"volume of {body}"
         violation = result.violations.get(name, 0.0)
         entries[name] = shares[body], float(bound), "", "at most", violation
-    mechanisms = [case.mechanism for case in problem.load_cases.values() for _ in case.constraints]
-    for constraint, mechanism in zip(problem.constraints, mechanisms, strict=True):
+    trajectories = [
+        evaluation.load_cases[name].trajectory
+        for name, case in problem.load_cases.items()
+        for _ in case.constraints
+    ]
+    for constraint, trajectory in zip(problem.constraints, trajectories, strict=True):
         constraint_value = evaluation.constraints[constraint.label]
         kind = "at least" if constraint.upper is None else "at most"
-        unit = _unit(constraint.objective, mechanism)
+        unit = _unit(constraint.objective, trajectory)
         violation = max(constraint_value.violation, 0.0)
         value = constraint_value.value
         entries[constraint.label] = value, constraint.bound, unit, kind, violation

@@ -279,7 +279,9 @@ def estimate_error(eq: Equations, stages: Stages, system: LinearSystem, at: int,
 
 @kernel
 def joint_errors(eq: Equations, stages: Stages, at: int, h: float) -> tuple[float, float, float]:
-    """Errors that joints hide: of velocities, and of multipliers with their size, as mass norms.
+    """Errors that the embedded formula does not see in the directions of joints, in the mass norm.
+
+    They are the error of velocities, the error of multipliers, and the size of the multipliers.
 
     The method meets prescribed positions and velocities at its stages, however long the step is, so
     that the embedded formula sees no error in the directions of the joints. There accelerations

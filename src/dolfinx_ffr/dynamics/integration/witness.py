@@ -79,11 +79,11 @@ class TrapezoidalWitness(Integrator):
     def _joined(self, stretches: list[Trajectory]) -> Trajectory:
         """One trajectory of all stretches.
 
-        The last row of a stretch is the first of the next one, but behind a jump, where
-        accelerations differ, the next one has a row of its own.
+        The last row of a stretch is the first of the next one. But behind a jump, where
+        accelerations differ, it begins later than the end of a cell, and its first row stays.
         """
-        doubled = [int(np.isin(stretch.t[0], self.cells.ends)) for stretch in stretches[1:]]
-        trajectory = joined(stretches, [0, *doubled])
+        first_rows = [int(np.isin(stretch.t[0], self.cells.ends)) for stretch in stretches[1:]]
+        trajectory = joined(stretches, [0, *first_rows])
         model = trajectory.model.at(trajectory.t)
         return replace(trajectory, model=model, integrator=self)
 

@@ -22,8 +22,13 @@ from .stages import turn_stages
 from .vectors import add_curvatures, begin_pullback, finish_pullback
 
 
-def evaluate(eq: Equations, model: Arrays, work: Work, instant: int, cv: float, extent: int) -> int:
-    """Equations at (y, v, w, lam) and an instant; see equations.py for the extent."""
+def evaluate(
+    eq: Equations, model: Arrays, work: Work, instant: int, rate_weight: float, extent: int
+) -> int:
+    """Equations at (y, v, w, lam) and an instant, with M = r_w + rate_weight r_v.
+
+    The rate weight is that of the step method; bits of the extent are in dynamics/equations.py.
+    """
     if extent & equations.CONSTRAINTS:
         evaluate_rows(model, eq, work, instant)
     if extent & equations.FORCES:
@@ -33,10 +38,10 @@ def evaluate(eq: Equations, model: Arrays, work: Work, instant: int, cv: float, 
         for b in range(model.first.size):
             if model.stiffened[b]:
                 carried_blocks(model, eq, work, instant, b)
-                blocks_equations(model, eq, work, b, cv)
+                blocks_equations(model, eq, work, b, rate_weight)
             else:
-                model.body_equations(model, eq, work, instant, b, cv)
-        add_forces(model, eq, work, instant, cv, extent & equations.TANGENT != 0)
+                model.body_equations(model, eq, work, instant, b, rate_weight)
+        add_forces(model, eq, work, instant, rate_weight, extent & equations.TANGENT != 0)
     if extent & equations.TANGENT:
         row_curvatures(model, eq, work)
         add_curvatures(model, work, eq.Ky)
@@ -123,24 +128,28 @@ def measure(eq: Equations, model: Arrays, work: Work) -> int:
 
 @compiled(Equations, SpaceArrays, Work, int, int)
 def chart(eq: Equations, model: SpaceArrays, work: Work, instant: int, what: int) -> int:
-    """Change between coordinates within a step and between steps; see equations.py."""
+    """Add the rotations of a step to those at its beginning, or pull derivatives back.
+
+    COMPOSE turns y into the rotation that follows the base. ENTER takes y_bar to T^T y_bar, and
+    LEAVE to T^-T y_bar, where T is the tangent operator of the step's rotation vector.
+    """
     y, base, matrix, bar = eq.y, eq.base, work.small[0], eq.y_bar
     for b in range(model.first.size):
         i = model.first[b] + 3
         if what == equations.COMPOSE:
             compose(y, base, i)
             continue
-        u, v, w = y[i] - base[i], y[i + 1] - base[i + 1], y[i + 2] - base[i + 2]
+        step_x, step_y, step_z = y[i] - base[i], y[i + 1] - base[i + 1], y[i + 2] - base[i + 2]
         if what == equations.ENTER:
-            tangent(u, v, w, matrix)
-            p, q, r = bar[i], bar[i + 1], bar[i + 2]
+            tangent(step_x, step_y, step_z, matrix)
+            bar_x, bar_y, bar_z = bar[i], bar[i + 1], bar[i + 2]
             for k in range(3):
-                bar[i + k] = matrix[0, k] * p + matrix[1, k] * q + matrix[2, k] * r
+                bar[i + k] = matrix[0, k] * bar_x + matrix[1, k] * bar_y + matrix[2, k] * bar_z
         elif what == equations.LEAVE:
-            inverse_tangent(u, v, w, matrix)
-            p, q, r = bar[i], bar[i + 1], bar[i + 2]
+            inverse_tangent(step_x, step_y, step_z, matrix)
+            bar_x, bar_y, bar_z = bar[i], bar[i + 1], bar[i + 2]
             for k in range(3):
-                bar[i + k] = matrix[k, 0] * p + matrix[k, 1] * q + matrix[k, 2] * r
+                bar[i + k] = matrix[k, 0] * bar_x + matrix[k, 1] * bar_y + matrix[k, 2] * bar_z
     count(work, instant, what)
     return 0
 

@@ -149,7 +149,8 @@ class SpaceArrays(Arrays):
     def rotation_bar(self, bars: Mapping[int, Array], modes: int) -> Array:
         """Derivative by the rotation of a marker, (modes,) or (3, modes).
 
-        From those by the shapes (d, modes) of its directions and spins, by number of the vector.
+        The mapping ``bars`` has, by number e of a direction or spin of the marker, the derivative
+        by the shapes of this vector, (3, modes).
         """
         out = np.zeros((3, modes))
         for e, bar in bars.items():
