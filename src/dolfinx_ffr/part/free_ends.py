@@ -11,6 +11,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from ..arrays import Array
+from ..fem import cross
 from .asked_sizes import solid_regions
 from .part import Part
 
@@ -87,20 +88,15 @@ def _enclosed(ring: Array, member: float) -> Iterator[tuple[float, shapely.Polyg
 
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
     arc_length = np.concatenate([[0.0], np.cumsum(chords)])
-    swept_area = np.concatenate([[0.0], np.cumsum(0.5 * _cross(points[:-1], points[1:]))])
+    swept_area = np.concatenate([[0.0], np.cumsum(0.5 * cross(points[:-1], points[1:]))])
 
     first, last = pairs.T
     length = arc_length[last] - arc_length[first]
     width = np.linalg.norm(points[last] - points[first], axis=1)
-    area = swept_area[last] - swept_area[first] + 0.5 * _cross(points[last], points[first])
+    area = swept_area[last] - swept_area[first] + 0.5 * cross(points[last], points[first])
 
     is_long = length > np.maximum(OPTIONS.slender * width, OPTIONS.shortest * member)
     is_narrow = (area > 0.0) & (2.0 * area < OPTIONS.widest * member * length)
     struts = np.flatnonzero(is_long & is_narrow)
     for k in struts[np.argsort(-length[struts], kind="stable")]:
         yield float(length[k]), shapely.Polygon(points[first[k] : last[k] + 1])
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """The cross products of vectors (n, 2), (n,)."""
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
