@@ -12,7 +12,8 @@ class StepOptions:
 
     # the step
     smooth: float = 2.4  #: Length over which a step is smooth
-    longest: float = 0.65  #: Largest reach of a step, its longest offset; that of the first one
+    first: float = 0.5  #: Reach of the first step, which is its longest offset
+    longest: float = 0.65  #: Largest reach
     longer: float = 1.2  #: Factor of the reach after a step that lowers the merit
     shorter: float = 0.7  #: Factor of the reach after any other step
     shortest: float = 1e-3  #: Reach below which a new mesh changes psi more than the step does

@@ -59,7 +59,7 @@ class CurveSteps(Iterator[Trial]):
         self._first_modes = {n: body.modes for n, body in descent.problem.flexible.items()}
         self._descent = descent
         self._options = descent.options
-        self._reach, self._weight = self._options.longest, self._options.penalty
+        self._reach, self._weight = self._options.first, self._options.penalty
         self._margin, self._secants = 0.0, NONE
         if state is None:
             self._begin(boundaries)
