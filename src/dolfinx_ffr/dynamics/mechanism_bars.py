@@ -95,8 +95,9 @@ class _Room(NamedTuple):
     """The room that a parameter leaves for steps of differences."""
 
     name: str
-    width: float  #: Of its range.
-    side: int  #: 0 if there is room to both sides of its value, else 1 or -1, where there is more.
+    width: float  #: Width of the range of the parameter.
+    #: 0 if there is room on both sides of its value, else the side with more room, 1 or -1.
+    side: int
 
     @staticmethod
     def beside(name: str, below: float, above: float) -> _Room:
@@ -125,7 +126,7 @@ def parameter_slopes(trajectory: Trajectory, bars: Sequence[MechanismBars]) -> A
     """
     differences = _Differences(trajectory.model, (trajectory.y[0], trajectory.v[0]))
     _again(differences.check_repeatable)
-    return _again(lambda: differences.contracted(bars))
+    return _again(lambda: differences.by_parameters(bars))
 
 
 def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float]]) -> Array:
@@ -218,7 +219,7 @@ _ONE_SIDED = (
 
 
 class _JumpedError(ValueError):
-    """The start is far from that at the values."""
+    """The start at shifted parameters is far from the start at their values."""
 
 
 class _Differences:
@@ -248,8 +249,8 @@ class _Differences:
         with suppress(TypeError):  # some callables take no weak references
             _REPEATABLE.add(build)
 
-    def contracted(self, bars: Sequence[MechanismBars]) -> Array:
-        """Derivatives (bars, parameters) of numbers from those by what the mechanism says."""
+    def by_parameters(self, bars: Sequence[MechanismBars]) -> Array:
+        """Derivatives (bars, parameters), from those by what the mechanism says."""
         by_numbers = np.array([self.numbers.bars(bar.arrays, bar.bodies) for bar in bars])
         count = len(self.rooms)
         derivatives, remaining = np.zeros((len(bars), count)), list(range(count))
@@ -257,6 +258,7 @@ class _Differences:
         if grouped is not None:
             slopes, owner, remaining = grouped
             for row, bar in zip(derivatives, by_numbers, strict=True):
+                # the first of the sums is of the numbers with owner -1
                 row[:] = np.bincount(owner + 1, bar * slopes, count + 1)[1:]
         for k in remaining:
             derivatives[:, k] = 0.0
@@ -264,17 +266,17 @@ class _Differences:
                 change = by_numbers @ (state.numbers - self.numbers.values)
                 derivatives[:, k] += weight * change
                 if np.any(state.y) or np.any(state.v):
-                    of_start = [bar.y @ state.y + bar.v @ state.v for bar in bars]
-                    derivatives[:, k] += weight * np.array(of_start)
+                    start_changes = [bar.y @ state.y + bar.v @ state.v for bar in bars]
+                    derivatives[:, k] += weight * np.array(start_changes)
         return derivatives
 
     def _grouped(self) -> tuple[Array, Integers, list[int]] | None:
         """Slopes of the numbers by parameters that are shifted in groups.
 
-        Returns the slopes, of each number the one parameter on which it depends or -1, (numbers,)
-        each, and the parameters that must be shifted one by one: those on which the start depends
-        or a number with others, and those over whose steps slopes change. None where groups save
-        nothing, or fail.
+        Returns the slopes (numbers,), the owner of each number (numbers,), which is the one
+        parameter on which it depends or -1, and the parameters that must be shifted one by one:
+        those on which the start depends, those that share a number with others, and those over
+        whose steps slopes change. None where groups save nothing, or fail.
         """
         count, values = len(self.rooms), self.numbers.values
         groups = _groups(count)
