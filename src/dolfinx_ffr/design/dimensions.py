@@ -435,9 +435,12 @@ class DimensionDesign(Variables):
         remedy = f"give a larger size [m], or all dimensions in metres: the body is {sides}"
         check_count("the mesh", count, f"cells of {self._length:.4g} m", remedy)
 
-    def _rates(self, x: Array, cells: Any, variables: Array, still: Any) -> Array:
-        """Rates of all nodes by each dimension, (nodes, dimension, k); on rank 0."""
-        d, size = x.shape[1], float(np.max(np.ptp(x, axis=0)))
+    def _rates(self, x: Array, cells: Integers, variables: Array, still: Integers) -> Array:
+        """Rates of all nodes by each named dimension k, (nodes, 2 or 3, k); on rank 0.
+
+        The mesh has the nodes ``x`` and the ``cells``; the nodes ``still`` do not move.
+        """
+        d, body_length = x.shape[1], float(np.max(np.ptp(x, axis=0)))
         outer = np.unique(outer_facets(cells[:, : d + 1]))
         rates, is_known = np.zeros((len(x), d, self.size)), np.zeros(len(x), dtype=bool)
         with gmsh_model() as gmsh:
@@ -450,8 +453,8 @@ class DimensionDesign(Variables):
             raise ValueError("the nodes of the mesh do not lie on its geometry")
         for k in range(self.size):
             (above, below), difference = self._beside(variables, k)
-            change = self._places(on_geometry, above) - self._places(on_geometry, below)
-            if np.max(np.abs(change), initial=0.0) > _JUMP * size:
+            change = self._positions(on_geometry, above) - self._positions(on_geometry, below)
+            if np.max(np.abs(change), initial=0.0) > _JUMP * body_length:
                 raise ValueError(
                     f"curves or faces are exchanged by a small change of {self.names[k]!r}: build "
                     "them in the same order for all values"
@@ -465,7 +468,7 @@ class DimensionDesign(Variables):
         is_known[still] = True
         return extended(x, cells, rates, is_known, faces)
 
-    def _places(self, on_geometry: NodesOnGeometry, variables: Array) -> Array:
+    def _positions(self, on_geometry: NodesOnGeometry, variables: Array) -> Array:
         """Positions of the nodes on the geometry at variables, (nodes there, dimension) [m]."""
         with gmsh_model() as gmsh:
             self._check(variables, gmsh)
@@ -479,7 +482,7 @@ class DimensionDesign(Variables):
         return ends, float(ends[0][k] - ends[1][k])
 
     def _center_rates(self, variables: Array) -> dict[str, Array]:
-        """Rates (dimension, k) of the centers that the user's function gives, by interface."""
+        """Rates (2, k) by the named dimensions of the user's centers, by interface."""
         if not self._drawn or not (centers := self._outline_arguments(variables).get("centers")):
             return {}
         rates = {name: np.zeros((len(center), self.size)) for name, center in centers.items()}
