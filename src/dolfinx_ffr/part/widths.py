@@ -143,7 +143,7 @@ def _middle(region: BaseGeometry, shape: BaseGeometry) -> BaseGeometry:
 
 
 def _across(shape: BaseGeometry, middle: BaseGeometry) -> Array:
-    """Two points of the boundary on both sides of a point, nearest to it and opposite."""
+    """Two points (2, 2) of the boundary: the nearest one to a point in the middle, and opposite."""
     edges = shape.boundary
     nearest = shapely.get_coordinates(shapely.shortest_line(middle, edges))[1]
     center = shapely.get_coordinates(middle)[0]
