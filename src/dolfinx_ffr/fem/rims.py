@@ -27,14 +27,15 @@ from .polylines import turns
 class RimOptions:
     """Accuracy of rims, in widths of the rim where nothing else is said."""
 
-    leftover: float = 0.05  #: What is left between a rim and the outline, and belongs to the rim
+    #: Width of material between a rim and the outline that still belongs to the rim
+    leftover: float = 0.05
     shared_node: float = 0.01  #: Distance from a node of curves that end there
     #: Length of an offset curve from where it comes that near to the outline to where it crosses
     #: it, in leftovers: if it is longer, it runs along the outline
     crossing: float = 4.0
     fine: float = 1e-4  #: Accuracy of the polygons that stand for curves
-    sides: int = 96  #: Of a quarter of a circle by which offset curves are found
-    fewest: int = 10  #: Vertices of a polygon that is a circle
+    sides: int = 96  #: Sides of a quarter of the circle by which offset curves are found
+    fewest: int = 10  #: Least number of vertices of a polygon that may be a circle
     round: float = 1e-5  #: Accuracy of such a circle [radii]
     corner: float = 0.2  #: Angle from which on an offset curve has a corner [rad]
     points: float = 8.0  #: Points of a spline along a width
@@ -78,7 +79,7 @@ def _held(curve: Curve, x: Array, on: Mask, fine: float) -> Iterator[shapely.Lin
 
 
 def _zone(lines: Sequence[shapely.LineString], width: float) -> shapely.Geometry:
-    """All places within a width of lines; of polygons with vertices on a circle, of the circle."""
+    """All points within a width of lines; one with vertices on a circle is this circle."""
     zones = []
     for line in shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines))):
         circle = _circle(shapely.get_coordinates(line)) if line.is_closed else None
@@ -94,6 +95,7 @@ def _zone(lines: Sequence[shapely.LineString], width: float) -> shapely.Geometry
 
 
 def _circle(x: Array) -> tuple[Array, float] | None:
+    """Center (2,) and radius of the circle through points (n, 2), or None if there is none."""
     return nearest_circle(x, RIM.round) if len(x) > RIM.fewest else None
 
 
@@ -121,9 +123,12 @@ def _lines(geometry: shapely.Geometry) -> list[shapely.LineString]:
 def _to_the_outline(
     line: shapely.LineString, crossing: Sequence[shapely.LineString], largest: float
 ) -> shapely.LineString:
-    """A line that goes on along the one of which it is part, where this soon ends."""
-    amid = line.interpolate(0.5, normalized=True)
-    crossing_line = min(crossing, key=amid.distance, default=line)
+    """A line, prolonged to the ends of the crossing line that contains it.
+
+    An end that is farther than the ``largest`` distance along the crossing line is not reached.
+    """
+    middle = line.interpolate(0.5, normalized=True)
+    crossing_line = min(crossing, key=middle.distance, default=line)
     if crossing_line.is_closed:
         return line
     start, end = (crossing_line.project(shapely.Point(line.coords[k])) for k in (0, -1))
