@@ -337,16 +337,19 @@ class _Differences:
         back: _State,
         owner: Integers,
     ) -> Mask:
-        """Parameters on which the start depends or a number with others, shape (parameters,)."""
+        """Mask of parameters on which the start depends, or that share a number with others."""
         bit = 2 ** np.arange(len(states))
         depends = np.any(changed, axis=0) | (back.numbers != self.numbers.values)
         shared = set((bit @ changed)[(owner < 0) & depends])
         if self.start is not None and np.any(starts := self._start_numbers):
             inputs = np.array([self._start_inputs(state.model)[starts] for state in states])
             shared |= set(bit @ (inputs != self._inputs[starts])) - {0}
-        # nothing is known where a number changes on one side only, code 0
+        # a number with code 0 changes on one side only, and may depend on any of the parameters
         return np.array(
-            [any(own & ~code == 0 or code == 0 for code in shared) for own in groups @ bit]
+            [
+                any(code_of_parameter & ~code == 0 or code == 0 for code in shared)
+                for code_of_parameter in groups @ bit
+            ]
         )
 
     def around(self, k: int) -> list[tuple[float, _State]]:
@@ -380,9 +383,10 @@ class _Differences:
             raise ValueError(f"parameter {name!r}: no derivative: {error}") from error
 
     def _difference(self, k: int, h: float, stencil: _Stencil) -> list[tuple[float, _State]] | None:
-        """States and weights of a difference by parameter k with the step h.
+        """States and weights of the difference by parameter k with the step h.
 
-        None where slopes change over it, or where a difference of second order moves the start.
+        None where slopes change over the step, or where a difference of second order moves the
+        start.
         """
         none = np.zeros(self.model.size)
         value = _State(self.model, self.numbers.values, none, none)
@@ -398,7 +402,7 @@ class _Differences:
         return [(weight / h, state) for weight, state in pairs]
 
     def _bent(self, begin: _State, end: _State, middle: _State) -> bool:
-        """Whether slopes change between two ends by more than a share and round-off."""
+        """Whether slopes change from ``begin`` to ``end`` by more than a share and round-off."""
         a, b, c = (np.concatenate([s.numbers, s.y, s.v]) for s in (begin, end, middle))
         count = int(self.numbers.group[-1]) + 1
         group = np.append(self.numbers.group, np.repeat([count, count + 1], self.model.size))
@@ -456,10 +460,10 @@ class _Differences:
 
 
 def _groups(count: int) -> Integers:
-    """Which parameters are in which groups, (parameters, groups): each in another half of them.
+    """Ones where a parameter is in a group, (parameters, groups); each is in another half of them.
 
-    So many groups that there are enough halves; none is a part of another one (E. Sperner,
-    Mathematische Zeitschrift 27 (1928), doi:10.1007/BF01171114).
+    There are so many groups that there are enough halves, of which none contains another one
+    (E. Sperner, Mathematische Zeitschrift 27 (1928), doi:10.1007/BF01171114).
     """
     number = next(m for m in itertools.count(1) if math.comb(m, m // 2) >= count)
     groups = np.zeros((count, number), dtype=np.int64)
