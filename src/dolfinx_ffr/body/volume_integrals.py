@@ -333,21 +333,27 @@ class VolumeIntegrals(Shown):
     @property
     def by_key(self) -> dict[str, Any]:
         """The arrays of the file by key."""
-        points, n, r, d = self.markers.values(), len(self.markers), self.modes, self.dimension
-        rotations = np.array([p.rotation for p in points])
+        n, r, d = len(self.markers), self.modes, self.dimension
+        markers = self.markers.values()
+        positions = np.array([marker.position for marker in markers])
+        displacements = np.array([marker.displacement for marker in markers])
+        rotations = np.array([marker.rotation for marker in markers])
         arrays: dict[str, Any] = {
             "mass": np.float64(self.mass),
             **{key: getattr(self, key) for key in self._arrays},
             **{f"stiffening_{load}": array for load, array in self.stiffening.items()},
             "markers": np.array(list(self.markers), dtype=np.str_),
-            "marker_positions": np.array([p.position for p in points]).reshape(n, d),
-            "marker_displacements": np.array([p.displacement for p in points]).reshape(n, d, r),
+            "marker_positions": positions.reshape(n, d),
+            "marker_displacements": displacements.reshape(n, d, r),
             "marker_rotations": rotations.reshape((n, r) if d == 2 else (n, d, r)),
         }
+
+        # what no marker has is left out; where only some have it, the others get the default
         for key, default in (("stiffening", np.zeros((d, r, r))), ("axes", np.eye(3))):
-            values = [getattr(point, key) for point in points]
-            if any(array is not None for array in values):
-                arrays[f"marker_{key}"] = np.array([default if v is None else v for v in values])
+            values = [getattr(marker, key) for marker in markers]
+            if any(value is not None for value in values):
+                filled = [default if value is None else value for value in values]
+                arrays[f"marker_{key}"] = np.array(filled)
         return arrays
 
     @staticmethod

@@ -61,6 +61,8 @@ class SplineGrid:
         """Gradients of the spline with these coefficients at points (n, 3), (n, 3)."""
         (u, v, w), (du, dv, dw), (i, j, k) = self._along_axes(x)
         local = coefficients[i[:, :, None, None], j[:, None, :, None], k[:, None, None]]
+
+        # the sum over the third axis is common to the first two components
         of_w, of_dw = (np.einsum("nijk,nk->nij", local, factor) for factor in (w, dw))
         components = [
             np.einsum("nij,nj,ni->n", *factors, optimize=True)
@@ -69,17 +71,23 @@ class SplineGrid:
         return np.stack(components, axis=1)
 
     def _along_axes(self, x: Array) -> tuple[list[Array], list[Array], list[Integers]]:
-        """B-splines at points along each axis: values, derivatives, and numbers, (n, 4) each."""
+        """B-splines at points (n, 3) along each axis: values, derivatives, numbers, (n, 4) each.
+
+        Four cubic ones are not zero between two knots; they are polynomials of the distances t from
+        the knot before and s from the knot after, in spacings.
+        """
         grid_coordinates = (x - self.low) / self.spacing
         values, derivatives, numbers = [], [], []
         for axis, count in enumerate(self.shape):
             knot = np.floor(grid_coordinates[:, axis])
             t = grid_coordinates[:, axis] - knot
             s = 1.0 - t
+
             splines = [s**3, 4.0 - 6.0 * t**2 + 3.0 * t**3, 4.0 - 6.0 * s**2 + 3.0 * s**3, t**3]
             values.append(np.stack(splines, axis=1) / 6.0)
             slopes = [-0.5 * s**2, 1.5 * t**2 - 2.0 * t, 0.5 + t - 1.5 * t**2, 0.5 * t**2]
             derivatives.append(np.stack(slopes, axis=1) / self.spacing[axis])
+
             number = knot[:, None].astype(np.int64) + np.arange(-1, 3)
             numbers.append(np.clip(number, 0, count - 1))  # as `map_coordinates` does
         return values, derivatives, numbers
@@ -137,8 +145,10 @@ class SplineGrid:
         counts = [line.shape[1] for line in self._refinements]
         bending = []
         for count, spacing in zip(counts, self.spacing, strict=True):
-            steps = np.diff(np.eye(count), axis=0)
-            bending.append(csr_matrix((length / (2.0 * spacing)) ** 2 * steps.T @ steps))
+            differences = np.diff(np.eye(count), axis=0)
+            scale = (length / (2.0 * spacing)) ** 2  # the coarse spacing is twice the fine one
+            bending.append(csr_matrix(scale * differences.T @ differences))
+
         identity = [eye(count) for count in counts]
         metric = eye(self.refinement.shape[1])
         metric = metric + kron(kron(bending[0], identity[1]), identity[2])

@@ -148,9 +148,11 @@ def _image(curve: FreeCurve, isometry: Isometry, run: Run) -> tuple[FreeCurve, I
 
 def _from_line(ring: Array, reflection: Isometry) -> Array:
     """A ring (n, 2) that begins on the line of a reflection, (n + 1, 2) [m]."""
+    # a point and its image are apart across the line: the longest such vector is its normal
     across = ring - reflection(ring)
     normal = across[np.argmax(np.einsum("ij,ij->i", across, across))]
     side = across @ normal
+
     next_side = np.roll(side, -1)
     k = int(np.flatnonzero((side <= 0.0) & (next_side > 0.0))[0])
     share = side[k] / (side[k] - next_side[k])

@@ -229,15 +229,19 @@ def mirror_planes(domain: Domain, gradient: Array | None = None) -> list[Mirror]
     ``domain`` and ``gradient``, result and warning are as for `mirror_lines`.
     """
     center, spread, axes = _principal_axes("mirror planes", domain, 3)
+
     normals = list(np.eye(3))
     for i, axis in enumerate(axes.T):
         is_unique = np.min(np.abs(np.delete(spread, i) - spread[i])) > 1e-3 * spread[i]
         if is_unique and all(abs(axis @ normal) < 1.0 - 1e-6 for normal in normals):
             normals.append(axis)
-    moments = np.diag((axes * spread) @ axes.T)
+
+    unit_vectors = np.eye(3)
+    moments = np.diag((axes * spread) @ axes.T)  # along the axes of the coordinates
     for i, j in ((0, 1), (1, 2), (2, 0)):
         if abs(moments[i] - moments[j]) < 1e-3 * moments[i]:  # as of a square section
-            normals += [np.eye(3)[i] + np.eye(3)[j], np.eye(3)[i] - np.eye(3)[j]]
+            normals += [unit_vectors[i] + unit_vectors[j], unit_vectors[i] - unit_vectors[j]]
+
     return _confirmed("mirror planes", domain, center, normals, gradient)
 
 

@@ -296,13 +296,17 @@ class _Closure:
         of mu . C_y x + t . (C_y v + C_t) at fixed mu, t, x and v, with
         t = -(C_y D C_y^T)^-1 C_y D v_bar and x = -D (v_bar + C_y^T t).
         """
-        _, rate, full = self.constraints(y, before)
+        _, rate, C_y = self.constraints(y, before)
         _, jacobian = self.residual(y)
+
+        # D is column^2, of the rigid coordinates; J = row C_y column, so that the inverse of
+        # C_y D C_y^T is row J^+T J^+ row
         inverse = np.linalg.pinv(jacobian, rcond=OPTIONS.no_correction)
         mu = self.row * (inverse.T @ (inverse @ (self.row * rate)))
         t = -self.row * (inverse.T @ (self.column * v_bar[self.rigid]))
         x = np.zeros_like(y)
-        x[self.rigid] = -(self.column**2) * (v_bar + full.T @ t)[self.rigid]
+        x[self.rigid] = -(self.column**2) * (v_bar + C_y.T @ t)[self.rigid]
+
         adjoints = x, np.zeros(self.model.rows), -t
         return equations_pullback(self._kinematics, (y, v, -mu), adjoints, forces=False)
 

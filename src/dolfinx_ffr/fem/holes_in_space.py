@@ -276,12 +276,15 @@ class _Surface:
         """Points on triangles, as far from each other as said or nearer, (points, 3)."""
         corners = self.nodes[self.triangles[triangles]]
         longest = np.max(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2), axis=1)
-        count = np.ceil(longest / spacing).astype(int)
+        divisions = np.ceil(longest / spacing).astype(int)
+
         points = []
-        for n in np.unique(count):
+        for n in np.unique(divisions):
+            # the lattice that cuts each side into n, by the shares of the corners in its points
             i, j = np.nonzero(np.add.outer(np.arange(n + 1), np.arange(n + 1)) <= n)
             shares = np.column_stack([i, j, n - i - j]) / n
-            points.append(np.einsum("sc,tci->tsi", shares, corners[count == n]).reshape(-1, 3))
+            on_triangles = np.einsum("sc,tci->tsi", shares, corners[divisions == n])
+            points.append(on_triangles.reshape(-1, 3))
         return np.concatenate(points)
 
     def _cylinder(self, patch: Integers) -> tuple[Array, Array, float] | None:

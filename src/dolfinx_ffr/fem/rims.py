@@ -141,14 +141,22 @@ def _to_the_outline(
 
 
 class _DividedDrawing:
-    """A drawing whose faces are divided by further curves."""
+    """A drawing whose faces are divided by further curves.
+
+    Args:
+        drawing: The drawing to be divided, whose curves are the outline.
+        width: Width of the rims [m].
+    """
 
     def __init__(self, drawing: Drawing, width: float) -> None:
         self._outline, self._width = drawing, width
-        self._fine, self._near = RIM.fine * width, RIM.shared_node * width
+        self._fine = RIM.fine * width  # largest deviation of points from a curve [m]
+        self._near = RIM.shared_node * width  # nodes that are nearer than this are one [m]
         self._lines = [shapely.LineString(curve.points(self._fine)) for curve in drawing.curves]
         #: Cuts of each curve of the outline: parameter, number of the node, and its position (2,)
         self._cuts: list[list[tuple[float, int, Array]]] = [[] for _ in drawing.curves]
+
+        # the curves that are added, and the nodes at both ends of each
         self._curves: list[Curve] = []
         self._nodes: list[tuple[int, int]] = []
         self._next_node = 1 + max(max(ends) for ends in drawing.nodes)
@@ -159,17 +167,22 @@ class _DividedDrawing:
         A closed one repeats its first point; an open one ends at the outline.
         """
         if np.array_equal(x[0], x[-1]):
+            # a closed curve with corners begins, and so is cut, at the first one
             corners = _corners(np.vstack([x[-2:-1], x])) - 1
             if len(corners):
                 x = np.vstack([x[corners[0] : -1], x[: corners[0] + 1]])
             first_node = last_node = self._new_node()
         else:
-            (first_node, start), (last_node, end) = self._node(x[0]), self._node(x[-1])
-            x = np.vstack([*self._joined(x[0], start), x[1:-1], *self._joined(x[-1], end)[::-1]])
+            first_node, start = self._node(x[0])
+            last_node, end = self._node(x[-1])
+            from_start = self._joined(x[0], start)
+            to_end = self._joined(x[-1], end)[::-1]
+            x = np.vstack([*from_start, x[1:-1], *to_end])
+
         cuts = [0, *_corners(x).tolist(), len(x) - 1]
         nodes = [first_node, *(self._new_node() for _ in cuts[1:-1]), last_node]
-        for ends, (a, b) in zip(pairwise(nodes), pairwise(cuts), strict=True):
-            self._curves.append(self._curve(x[a : b + 1]))
+        for ends, (first, last) in zip(pairwise(nodes), pairwise(cuts), strict=True):
+            self._curves.append(self._curve(x[first : last + 1]))
             self._nodes.append(ends)
 
     def _joined(self, point: Array, end: Array) -> list[Array]:

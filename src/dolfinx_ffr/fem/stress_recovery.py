@@ -89,7 +89,7 @@ class StressRecovery:
         return stresses
 
     def in_blocks(self, fields: Block) -> Iterator[tuple[slice, Array]]:
-        """Stresses of some cells of this rank at a time, with their places.
+        """Stresses of some cells of this rank at a time, as of `__call__`, and which cells.
 
         All of them at once may take gigabytes.
         """
@@ -98,10 +98,12 @@ class StressRecovery:
         local = self.elasticity.with_ghosts(fields).reshape(-1, d, columns)
         del fields
         nodes = _compat.dofmap_array(self.elasticity.domain.space)
+
         # maps of all cells are stored where they are few, or transposed, as for a gradient
         keep_maps = "_matrices" in vars(self) or cells * rows * unknowns <= 2 * _BLOCK
-        several = max(1, _BLOCK // (rows * max(columns, unknowns)))
-        for chunk in (slice(i, min(i + several, cells)) for i in range(0, cells, several)):
+        cells_at_a_time = max(1, _BLOCK // (rows * max(columns, unknowns)))
+        for first in range(0, cells, cells_at_a_time):
+            chunk = slice(first, min(first + cells_at_a_time, cells))
             maps = self._matrices[chunk] if keep_maps else self._maps(chunk)
             stresses = maps @ local[nodes[chunk]].reshape(-1, unknowns, columns)
             yield chunk, stresses.reshape(len(stresses), -1, len(COMPONENTS[d]), columns)
@@ -118,16 +120,21 @@ class StressRecovery:
 
     @cached_property
     def _node_form(self) -> tuple[fem.Form, fem.Function, list[fem.Function]]:
-        """Derivative of sums of stresses at chosen points, each component by its own field."""
+        """Derivative of sums of stresses at chosen points, each component by its own field.
+
+        With it the factors of the points in the sum, and the field of each component.
+        """
         domain, d = self.elasticity.domain, self.elasticity.dimension
         chosen = fem.Function(_compat.quadrature_space(domain.mesh, self._degree))
         fields = [fem.Function(self.elasticity.cell_space) for _ in COMPONENTS[d]]
         law = self._material.on(domain.mesh)
         components = [law.stress(u)[k] for u, k in zip(fields, COMPONENTS[d], strict=True)]
+
         # the measure's own share is divided out: a sum over points, not an integral
         size = abs(ufl.JacobianDeterminant(domain.mesh)) * self._material.thickness
         dx = ufl.Measure("dx", domain=domain.mesh, metadata=self._metadata)
-        return self.elasticity.nodes.form(chosen * sum(components) / size * dx), chosen, fields
+        form = self.elasticity.nodes.form(chosen * sum(components) / size * dx)
+        return form, chosen, fields
 
     @cached_property
     def _weights_form(self) -> tuple[fem.Form, fem.Function]:

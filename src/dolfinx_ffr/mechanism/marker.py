@@ -149,15 +149,18 @@ class Moving:
         for k, motion in enumerate((self.x, self.y, self.z)):
             if motion is not None:
                 out[:, :, 0, k] = tabulated(motion, times, where).T
-        phi, rate, growth = tabulated(self.angle, times, where)[:, :, None, None]
+
+        # Rodrigues' formula, where N is the matrix of the cross product with the unit vector n
+        angle, rate, acceleration = tabulated(self.angle, times, where)[:, :, None, None]
         n = np.array(self.axis) / np.linalg.norm(self.axis)
-        turn = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
+        N = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
         start = np.eye(3) if self.rotation is None else rotation_matrix(self.rotation)
-        A = start @ (np.eye(3) + np.sin(phi) * turn + (1.0 - np.cos(phi)) * turn @ turn)
-        for k, derivative in enumerate(
-            (A, A @ turn * rate, A @ turn * growth + A @ turn @ turn * rate**2)
-        ):
-            out[:, k, 1:] = derivative.transpose(0, 2, 1)
+        A = start @ (np.eye(3) + np.sin(angle) * N + (1.0 - np.cos(angle)) * N @ N)
+
+        A_dot = A @ N * rate
+        A_ddot = A @ N * acceleration + A @ N @ N * rate**2
+        for k, derivative in enumerate((A, A_dot, A_ddot)):
+            out[:, k, 1:] = derivative.transpose(0, 2, 1)  # the axes are the columns
         return out
 
     def tabulate_in_plane(self, times: Array, where: str) -> Array:

@@ -127,26 +127,36 @@ def _in_space(trajectory: Trajectory, name: str, k: int) -> Array:
 def _add_in_space(
     out: TrajectoryBar, trajectory: Trajectory, name: str, k: int, bar: Array
 ) -> None:
-    """Add the transpose of the derivative of `_in_space`, but for its first columns, to ``out``."""
+    """Add the transpose of the derivative of `_in_space`, but for its first columns, to ``out``.
+
+    ``bar`` has the shape of z, (steps + 1, coordinates), and ``k`` constraint modes are in it.
+    """
     columns, steps = trajectory.model.coordinates_in_space(name), len(trajectory.t)
     q, rate = trajectory.elastic(name), trajectory.v[:, columns.elastic]
     r = q.shape[1]
     omega, alpha = trajectory.v[:, columns.rotation], trajectory.w[:, columns.rotation]
-    force_bar, carried = bar[:, r : r + 3], bar[:, r + 12 : r + 12 + k]
+
+    # the blocks of z after q, in the order of `_in_space`
+    force_bar = bar[:, r : r + 3]
     B_bar = bar[:, r + 3 : r + 12].reshape(steps, 3, 3)
+    acceleration_bar = bar[:, r + 12 : r + 12 + k]
     turned_bar = bar[:, r + 12 + k :].reshape(steps, 3, r)
+
     # dA = A [dth] turns what is seen in the body's axes by -dth
     out.y[:, columns.rotation] += np.cross(force_bar, _force_in_space(trajectory, name))
     out.y[:, columns.elastic] += np.einsum("tkj,tk->tj", turned_bar, alpha)
+
     out.v[:, columns.rotation] += np.einsum("tkl,tl->tk", B_bar + B_bar.transpose(0, 2, 1), omega)
     out.v[:, columns.rotation] -= 2.0 * np.trace(B_bar, axis1=1, axis2=2)[:, None] * omega
     out.v[:, columns.rotation] += 2.0 * np.einsum("tkj,tj->tk", turned_bar, rate)
     out.v[:, columns.elastic] += 2.0 * np.einsum("tkj,tk->tj", turned_bar, omega)
+
     out.w[:, columns.position] += np.einsum("tij,tj->ti", trajectory.rotation(name), force_bar)
     out.w[:, columns.rotation] += np.einsum("tkj,tj->tk", turned_bar, q)
+    # B holds the component of alpha along an axis at (i, j), and its negative at (j, i)
     for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
         out.w[:, columns.rotation.start + axis] += B_bar[:, i, j] - B_bar[:, j, i]
-    out.w[:, columns.elastic.start : columns.elastic.start + k] += carried
+    out.w[:, columns.elastic.start : columns.elastic.start + k] += acceleration_bar
 
 
 def _force_in_space(trajectory: Trajectory, name: str) -> Array:

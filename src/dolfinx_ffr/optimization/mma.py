@@ -580,16 +580,23 @@ class MMASteps(Iterator[Iterate]):
 
     def load(self, data: Mapping[str, Any]) -> None:
         """Continue from the point of an earlier run, which is evaluated anew."""
-        arrays = {n: np.asarray(data[n]) if len(data[n]) else None for n in (*STATE, "best")}
-        best, x, progress = arrays.pop("best"), np.asarray(data["x"]), float(data["progress"])
+        x, progress = np.asarray(data["x"]), float(data["progress"])
+        # `iterate` stores an empty array for None
+        arrays = {
+            name: np.asarray(data[name]) if len(data[name]) else None for name in (*STATE, "best")
+        }
+        best = arrays.pop("best")
         if f"secant {SECANTS[0]}" in data:
             secants = [np.asarray(data[f"secant {name}"]) for name in SECANTS]
             arrays["secants"] = Secants(*secants)  # type: ignore[assignment]
         state = Asymptotes(self.lower, self.upper, x, float(data["move"]), **arrays)  # type: ignore[arg-type]
+
         evaluation = self.loop.calibrated(self.loop.value(self.x(x, progress)))
+        nominal = self.at_nominal(x, evaluation, progress)
+        bounds = self.bounds(x, nominal, progress)
         numbers = {name: kind(data[name]) for name, kind in NUMBERS.items()}
-        bounds = self.bounds(x, self.at_nominal(x, evaluation, progress), progress)
         point = _Point(state, np.asarray(data["margins"]), bounds, best=best, **numbers)
+
         self.loop.resumed(evaluation)
         self.point, self.now = point, self.differentiate(evaluation, point)
 

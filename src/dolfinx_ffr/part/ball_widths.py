@@ -281,10 +281,13 @@ def spread(corners: Array, spacing: float) -> tuple[Array, Integers]:
     number = np.arange(len(corners))
     points, numbers = [np.zeros((0, 3))], [number[:0]]
     while len(corners):
+        # a small triangle has one point
         edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         small = np.max(edges, axis=1) <= spacing
         points.append(corners[small].mean(axis=1))
         numbers.append(number[small])
+
+        # any other is quartered
         a, b, c = np.moveaxis(corners[~small], 1, 0)
         ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
         quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))

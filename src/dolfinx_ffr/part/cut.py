@@ -149,13 +149,21 @@ def _around(
 
 
 def _without_opposites(directed: Directed, count: int) -> Directed:
-    """Directed sides without opposite pairs of the same kind, which cancel."""
+    """Directed sides without opposite pairs of the same kind, which cancel.
+
+    ``count`` is the number of points.
+    """
+    # one key for both directions of a side
     ends = directed.ends
     keys = directed.kind * count**2 + _keys(ends, count)
-    keys, at = np.unique(keys, return_inverse=True)
-    net = np.bincount(at, np.where(ends[:, 0] < ends[:, 1], 1, -1), len(keys)).astype(int)
+    keys, key_of_side = np.unique(keys, return_inverse=True)
+
+    # how many go from the point of the lower number to the other one more than back
+    direction = np.where(ends[:, 0] < ends[:, 1], 1, -1)
+    net = np.bincount(key_of_side, direction, len(keys)).astype(int)
     edge = np.full(len(keys), -1, dtype=np.int64)
-    np.maximum.at(edge, at, directed.edge)
+    np.maximum.at(edge, key_of_side, directed.edge)
+
     kind, pair = np.divmod(keys, count**2)
     pairs = np.column_stack(np.divmod(pair, count))
     pairs[net < 0] = pairs[net < 0][:, ::-1]

@@ -55,6 +55,7 @@ def zeros_between(field: Field, a: Array, b: Array, at_a: Array, at_b: Array) ->
     The method of Anderson and Bjoerck, BIT 13 (1973), doi:10.1007/BF01933951: regula falsi that
     shrinks the bracket from both sides. Without a change of sign it is the end nearer to zero.
     """
+    # the zero is between the shares s and t, where the field is f and g; t is found last
     s, t = np.zeros(len(a)), np.ones(len(a))
     f, g = at_a.copy(), at_b.copy()
     zeros = np.where(np.abs(f) <= np.abs(g), s, t)
@@ -65,14 +66,18 @@ def zeros_between(field: Field, a: Array, b: Array, at_a: Array, at_b: Array) ->
             break
         i = active
         u = t[i] - g[i] * (t[i] - s[i]) / (g[i] - f[i])
-        if step % 4 == 3:
+        if step % 4 == 3:  # some bisections bound the number of steps
             u = 0.5 * (s[i] + t[i])
         value = evaluated(field, a[i] + u[:, None] * (b[i] - a[i]))
+
+        # an end that stays counts as nearer to zero than it is, so that the next u passes the zero
         crossed = value * g[i] < 0.0
         shrink = 1.0 - value / np.where(g[i] == 0.0, 1.0, g[i])
         shrink = np.where(shrink > 0.0, shrink, 0.5)
-        s[i], f[i] = np.where(crossed, t[i], s[i]), np.where(crossed, g[i], f[i] * shrink)
+        s[i] = np.where(crossed, t[i], s[i])
+        f[i] = np.where(crossed, g[i], f[i] * shrink)
         t[i], g[i] = u, value
+
         zeros[i] = u
         done = (np.abs(value) <= 1e-14 * size[i]) | (np.abs(t[i] - s[i]) < 1e-14)
         active = i[~done]

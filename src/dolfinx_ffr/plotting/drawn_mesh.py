@@ -103,19 +103,26 @@ def _shape_functions(kind: basix.CellType, degree: int, points: Array) -> Array:
 
 
 def _lattice(kind: basix.CellType, n: int) -> tuple[Array, Integers]:
-    """Points (points, 2) that cut the sides of the reference cell into n, and pieces between."""
+    """Points that cut the sides of the reference cell into n, and the pieces between them.
+
+    The points have the shape (points, 2); the pieces, triangles or quadrilaterals as the cell is,
+    are the numbers of their corners, (pieces, 3) or (pieces, 4).
+    """
     triangle = kind == basix.CellType.triangle
     points = [(i, j) for j in range(n + 1) for i in range(n + 1 - j if triangle else n + 1)]
     number = {point: k for k, point in enumerate(points)}
+
     pieces = []
-    for i, j in number:
+    for i, j in points:
+        right, opposite, above = (i + 1, j), (i + 1, j + 1), (i, j + 1)
         if not triangle and i < n and j < n:
-            pieces.append([number[i + a, j + b] for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))])
+            pieces.append([(i, j), right, opposite, above])
         elif triangle and i + j < n:
-            pieces.append([number[i, j], number[i + 1, j], number[i, j + 1]])
-            if i + j < n - 1:
-                pieces.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
-    return np.array(points, dtype=np.float64) / n, np.array(pieces, dtype=np.int64)
+            pieces.append([(i, j), right, above])
+            if i + j < n - 1:  # at the longest side of the cell nothing lies opposite
+                pieces.append([right, opposite, above])
+    corners = [[number[point] for point in piece] for piece in pieces]
+    return np.array(points, dtype=np.float64) / n, np.array(corners, dtype=np.int64)
 
 
 def _points_on_facet(kind: basix.CellType, facet: int, lattice: Array) -> Integers:

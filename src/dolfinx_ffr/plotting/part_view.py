@@ -152,13 +152,17 @@ def _draw_dimension(axes: Axes, width: Width, reach: float) -> None:
     """Draw arrows of some reach [m] from outside onto both ends of a width, and its value."""
     start, end = width.ends
     along = (end - start) / max(float(np.hypot(*(end - start))), 1e-300)
+
     arrow = {"arrowstyle": "-|>", "color": style.RED, "lw": 1.4, "shrinkA": 0, "shrinkB": 0}
     for tip, direction in ((start, -along), (end, along)):
         tail = tip + 0.35 * reach * direction
         axes.annotate("", xy=tuple(tip), xytext=tuple(tail), arrowprops=arrow, zorder=4.0)
     axes.plot(*width.ends.T, color=style.RED, lw=1.4, zorder=4.0)
-    look: dict[str, Any] = {"fill": False, "ec": style.RED, "lw": 1.0, "ls": ":", "zorder": 4.0}
-    axes.add_patch(Circle(width.ends.mean(axis=0), 0.5 * width.value, **look))
+
+    # the disc that the width is the diameter of
+    dotted: dict[str, Any] = {"fill": False, "ec": style.RED, "lw": 1.0, "ls": ":", "zorder": 4.0}
+    axes.add_patch(Circle(width.ends.mean(axis=0), 0.5 * width.value, **dotted))
+
     x, y = end + 0.5 * reach * along
     text: dict[str, Any] = {"ha": "center", "va": "center", "bbox": style.LABEL, "zorder": 5.0}
     axes.text(x, y, f"{1e3 * width.value:.3g} mm", color=style.RED, **text)

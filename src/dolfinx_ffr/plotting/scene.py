@@ -250,17 +250,21 @@ def _arm(marker: Moving, trajectory: Trajectory) -> Arm | None:
     """The circle on which a marker turns together with its axes; None if there is none."""
     table = marker.tabulate_in_space(trajectory.t, "picture")[:, 0]
     path, axes = table[:, 0], table[:, 1:].transpose(0, 2, 1)
+
     # path = centre + axes e, but for what both have along the axis of rotation
     matrix = np.concatenate([np.broadcast_to(np.eye(3), axes.shape), axes], axis=2).reshape(-1, 6)
     solution, _, rank, _ = np.linalg.lstsq(matrix, path.ravel(), rcond=1e-9)
-    n = axes[0] @ np.array(marker.axis) / np.linalg.norm(marker.axis)
-    center = solution[:3] + ((path[0] - solution[:3]) @ n) * n
+
+    # of all points of the axis of rotation, the centre is the one beside the path
+    normal = axes[0] @ np.array(marker.axis) / np.linalg.norm(marker.axis)
+    center = solution[:3] + ((path[0] - solution[:3]) @ normal) * normal
     radius = float(np.linalg.norm(path[0] - center))
     misfit = float(np.max(np.abs(matrix @ solution - path.ravel())))
     if rank < 5 or radius == 0.0 or misfit > 1e-6 * radius:
         return None
-    u = path[0] - center
+
+    spoke = path[0] - center
     angles = np.linspace(0.0, 2.0 * np.pi, 181)[:, None]
-    ring = center + np.cos(angles) * u + np.sin(angles) * np.cross(n, u)
+    ring = center + np.cos(angles) * spoke + np.sin(angles) * np.cross(normal, spoke)
     d = trajectory.model.dimension
     return Arm(center[:d], ring[:, :d], marker)

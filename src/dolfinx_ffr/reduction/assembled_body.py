@@ -186,12 +186,16 @@ def _interfaces(
 
 
 def _reference(matrices: AssembledMatrices, nodes: Integers) -> tuple[Array, Array | None]:
-    """Reference point and axis of the faces between some nodes."""
+    """Reference point (3,) and axis (3,) of the faces between some nodes, see `surface_reference`.
+
+    Without faces it is the mean of the nodes, and no axis.
+    """
     faces = matrices.faces[np.all(np.isin(matrices.faces, nodes), axis=1)]
     if not len(faces):
         return matrices.nodes[nodes].mean(axis=0), None
+
     a, b, c = (matrices.nodes[faces[:, k]] for k in range(3))
-    normals = 0.5 * np.cross(b - a, c - a)
+    normals = 0.5 * np.cross(b - a, c - a)  # as long as the area of a face
     areas = np.linalg.norm(normals, axis=1)
     centroid = areas @ (a + b + c) / (3.0 * areas.sum())
     spread = np.einsum("f,fi,fj->ij", 1.0 / areas, normals, normals)

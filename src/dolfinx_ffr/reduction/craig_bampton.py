@@ -214,12 +214,14 @@ class CraigBampton:
         positions of these nodes; ``values_bar``, (dofs, k), is the derivative with respect to them.
         """
         d = self.elasticity.dimension
-        total, columns = np.zeros((len(values_bar) // d, d)), iter(values_bar.T)
+        total = np.zeros((len(values_bar) // d, d))  # by node
+        columns = iter(values_bar.T)  # the columns of one interface after those of another
         for name, motions in self.motions.items():
             rows = self.elasticity.dofs_of(self.elasticity.domain.interfaces[name].dofs)
             for motion, column in zip(motions, columns, strict=False):
                 bar = np.zeros((len(rows) // d, 3))
                 bar[:, :d] = column[rows].reshape(-1, d)
+                # a node that moves by dx changes the value by axis x dx
                 axis = motion[d:] if d == 3 else (0.0, 0.0, motion[2])
                 total[rows[::d] // d] += np.cross(bar, axis)[:, :d]
         return total.ravel()

@@ -245,6 +245,7 @@ def below_following(eigenvalues: Array, end: int) -> float:
 def _smooth_field(position: Array) -> Array:
     """A field without symmetries at positions (nodes, dimension), of the same shape."""
     x, y, z = np.pad(position, ((0, 0), (0, 3 - position.shape[1]))).T
+    # waves of unrelated lengths and phases, so that no mode is orthogonal to the field by symmetry
     tilt = 13.7 * z
     components = [
         np.sin(7.3 * x + 0.4) + np.cos(23.1 * x + 17.9 * y + tilt + 1.1),
