@@ -159,9 +159,12 @@ def _radius_slopes(curve: FreeCurve, s: Array, bending: Bending, least: float) -
     by_bend = np.column_stack([-slope[:, 1], slope[:, 0]]) / speed[:, None] ** 3
     by_slope = np.column_stack([bend[:, 1], -bend[:, 0]]) / speed[:, None] ** 3
     by_slope -= 3.0 * (curvature / speed**2)[:, None] * slope
+
+    # a control moves the curve along the normal of the control
     normals = curve.control_normals
     curvature_slopes = curve.rows(s, 1).toarray() * (by_slope @ normals.T)
     curvature_slopes += curve.rows(s, 2).toarray() * (by_bend @ normals.T)
+
     by_curvature = np.sign(curvature) / curvature**2 / least
     return np.asarray(by_curvature[:, None] * curvature_slopes)
 

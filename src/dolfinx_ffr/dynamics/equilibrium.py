@@ -110,9 +110,13 @@ def equilibrium_pullback(model: FlatModel, y: Array, y_bar: Array, markers: Arra
     """
     arrays, n = without(model.arrays, 1, "alpha", "beta"), model.size
     kinematics = Kinematics(arrays)
+
+    # the stiffness K depends on the multipliers, which balance the forces at y
     residual, C, M, _ = _evaluate(kinematics, y, np.zeros(model.rows))
     lam = _multipliers(C, M, residual[:n])
     _, C, M, K = _evaluate(kinematics, y, lam)
+
+    # the adjoints x of the forces and m2 of the constraints, as `equations_pullback` names them
     solution = _solve(K.T, C, M, np.concatenate([y_bar, np.zeros(model.rows)]))
     x, m2 = solution[:n].copy(), solution[n:].copy()
     adjoints = x, m2, np.zeros(model.rows)
@@ -153,9 +157,14 @@ def _solve(K: Array, C: Array, M: Array, rhs: Array) -> Array:
     rate = math.sqrt(float(np.max(np.abs(unit[:, None] * K * unit)))) or 1.0
     units = np.concatenate([unit / rate, unit_of_row * rate])
     matrix = np.block([[K, C.T], [C, np.zeros((len(C), len(C)))]])
-    matrix = units[:, None] * matrix * units
-    scale = 1.0 / np.sqrt(np.maximum(np.max(np.abs(matrix), axis=1), np.finfo(float).tiny))
-    scaled, scale = scale[:, None] * matrix * scale, scale * units
+    in_units = units[:, None] * matrix * units
+
+    # then the largest entry of each row comes near one
+    largest = np.max(np.abs(in_units), axis=1)
+    row_scale = 1.0 / np.sqrt(np.maximum(largest, np.finfo(float).tiny))
+    scaled = row_scale[:, None] * in_units * row_scale
+
+    scale = row_scale * units
     try:
         solution = np.linalg.solve(scaled, scale * rhs)
     except np.linalg.LinAlgError:

@@ -233,21 +233,27 @@ def _of_entity(entity: Any, scale: float) -> list[Curve] | None:
 
 
 def _spline(control: Array, knots: Array, weights: Array, k: int) -> list[Curve]:
-    """A B-spline, also a rational one, or one that does not end in its control points."""
+    """A B-spline, also a rational one, or one that does not end in its control points.
+
+    Its control points are (n, 2), its knots (n + k + 1,) and its weights (n,), for the degree k.
+    A rational one becomes splines through its points.
+    """
     low, high = knots[k], knots[-k - 1]
-    inner = (knots[(knots > low) & (knots < high)] - low) / (high - low)
+    inner_knots = (knots[(knots > low) & (knots < high)] - low) / (high - low)
     curve = BSpline(knots, np.column_stack([control * weights[:, None], weights]), k)
 
     def at(t: Array) -> Array:
+        """Points at parameters from 0 to 1."""
         homogeneous = curve(low + t * (high - low))
         return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
 
     if np.ptp(weights) == 0.0:
-        ends = np.ones(k + 1)
-        return [Spline.of(at, np.concatenate([0.0 * ends, inner, ends]), k)]
+        end_knots = np.ones(k + 1)
+        return [Spline.of(at, np.concatenate([0.0 * end_knots, inner_knots, end_knots]), k)]
+
     # where knots coincide, a rational one may bend sharply
-    places, count = np.unique(inner, return_counts=True)
-    ends = np.concatenate([[0.0], places[count > 1], [1.0]])
+    places, multiplicity = np.unique(inner_knots, return_counts=True)
+    ends = np.concatenate([[0.0], places[multiplicity > 1], [1.0]])
     return [Spline.through(at(np.linspace(a, b, 2 * _POINTS))) for a, b in pairwise(ends)]
 
 

@@ -309,15 +309,19 @@ class Elasticity:
     def _cell_matrices(self, density: Callable[[Any, Any], Expr], step: int) -> Array:
         """Matrices of a bilinear form by its density, of every ``step``-th dof of each cell.
 
-        Cells that are alike but for round-off share one.
+        The shape is (cells, n, n) for n such dofs; cells alike but for round-off share a matrix.
         """
         function, test = fem.Function(self.cell_space), ufl.TestFunction(self.cell_space)
-        form, rows = fem.form(density(function, test) * self._dx), []
+        form = fem.form(density(function, test) * self._dx)
+
+        # a unit displacement of one dof of every cell at once gives a row of each matrix
+        rows = []
         for unit in np.eye(self._cell_dofs.shape[1])[::step]:
             self.set_cells(function, unit)
             values = np.zeros(len(function.x.array))
             fem.assemble_vector(values, form)
             row = values[self._cell_dofs[:, ::step]]
+
             round_off = ELASTICITY.alike * np.max(np.abs(row), initial=0.0)
             equal = len(row) > 0 and np.max(np.ptp(row, axis=0)) <= round_off
             rows.append(row[:1] if equal else row)

@@ -578,12 +578,14 @@ def _centrifugal(Z: Array) -> Array:
 def _of_parts(coefficients: Array, vectors: Array) -> Array:
     """The matrices (..., 3, 3) with these `_centrifugal` (..., 6) and `axial` (..., 3) parts."""
     Z = np.empty((*coefficients.shape[:-1], 3, 3))
+    # the coefficients are Z_ii - tr Z for 11, 22 and 33, and Z_ij + Z_ji for the others
     trace = -0.5 * coefficients[..., :3].sum(axis=-1)
-    for c, (i, j) in zip(np.moveaxis(coefficients, -1, 0), _PAIRS, strict=True):
+    for coefficient, (i, j) in zip(np.moveaxis(coefficients, -1, 0), _PAIRS, strict=True):
         if i == j:
-            Z[..., i, i] = c + trace
+            Z[..., i, i] = coefficient + trace
             continue
         # axial's component beside i and j is Z_ji - Z_ij for 12 and 23, and the negative for 13
-        turn = vectors[..., 3 - i - j] * (1.0 if j == i + 1 else -1.0)
-        Z[..., i, j], Z[..., j, i] = 0.5 * (c - turn), 0.5 * (c + turn)
+        difference = vectors[..., 3 - i - j] * (1.0 if j == i + 1 else -1.0)
+        Z[..., i, j] = 0.5 * (coefficient - difference)
+        Z[..., j, i] = 0.5 * (coefficient + difference)
     return Z

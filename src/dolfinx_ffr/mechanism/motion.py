@@ -411,17 +411,22 @@ class Motion:
 
     def _lively_instants(self, start: float, end: float) -> Array:
         """Instants over an interval, half of them where value and velocity change; (n,) [s]."""
+        # how much of their whole change value and velocity have behind them
         scan = np.linspace(start, end, _SCAN)
         functions = (("value", self.value), ("velocity", self.velocity))
         table = [sample(f, scan, f"motion {self.name!r}: the {name}") for name, f in functions]
         changes = np.abs(np.diff(table))
         changes /= np.maximum(np.sum(changes, axis=1, keepdims=True), np.finfo(float).tiny)
         shares = np.cumsum(np.sum(changes, axis=0), dtype=np.float64)
+
         # An irrational stride keeps the instants off the kinks that sit at round fractions.
         stride = (np.arange(_CHECKS) * 0.6180339887498949) % 1.0
         evenly = start + (end - start) * stride
+
+        # a few between any two jumps, however near these are
         corners = np.unique(np.clip([start, *self.jumps, end], start, end))
         between = (corners[:-1, None] + np.diff(corners)[:, None] * stride[1:6]).ravel()
+
         if not shares[-1] > 0.0:
             return np.concatenate([evenly, between])
         moving = np.interp(stride * shares[-1], np.append(0.0, shares), scan)

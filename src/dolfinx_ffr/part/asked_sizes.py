@@ -86,14 +86,16 @@ def solid_regions(part: Part) -> list[shapely.Polygon]:
 
 
 def _gap_of_design(part: Part, gap: float) -> Width | None:
-    """The narrowest gap that is none of the body's drawing."""
-    body = Part(part.body, lambda x: np.ones(len(x)), part.spacing, resolution=2).polygon
-    around = shapely.box(*body.bounds).buffer(2.0 * gap, join_style="mitre").difference(body)
+    """The narrowest gap that is none of the body's drawing, for a minimum gap [m]."""
+    full_body = Part(part.body, lambda x: np.ones(len(x)), part.spacing, resolution=2).polygon
+    bounds = shapely.box(*full_body.bounds).buffer(2.0 * gap, join_style="mitre")
+    around = bounds.difference(full_body)
+
     # a disc of the minimum gap does not reach these regions
     narrow = around.difference(around.buffer(-0.5 * gap).buffer(0.505 * gap))
-    drawn = [
-        region for region in shapely.get_parts(narrow) if region.area > CHECKS.corner_area * gap**2
-    ]
-    filled = shapely.union_all([part.polygon, *drawn]).buffer(part.accuracy)
+    least_area = CHECKS.corner_area * gap**2
+    drawn_gaps = [region for region in shapely.get_parts(narrow) if region.area > least_area]
+
+    filled = shapely.union_all([part.polygon, *drawn_gaps]).buffer(part.accuracy)
     low, high = np.reshape(filled.bounds, (2, 2))
     return narrowest_gap(filled, 10.0 * part.accuracy, float(np.min(high - low)))

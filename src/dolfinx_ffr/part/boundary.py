@@ -162,9 +162,11 @@ def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
 
     A circle is its centre and radius, shape (3,) [m].
     """
-    features = np.flatnonzero(lattice.sides[:, 0] != lattice.sides[:, 1])
     number = np.arange(len(lattice.edges))  # by itself, if nothing else is found
     circles: dict[int, Array] = {}
+
+    # chains of edges between the same two kinds of cells and of the same interface
+    features = np.flatnonzero(lattice.sides[:, 0] != lattice.sides[:, 1])
     low, high = lattice.sides.min(axis=1), lattice.sides.max(axis=1)
     marks = np.column_stack([low, high, lattice.interface])[features]
     edge_between = {frozenset(map(int, lattice.edges[e])): int(e) for e in features}
@@ -172,10 +174,14 @@ def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
     for chain, _ in _chains(lattice.edges[features], marks, directed=False):
         edges = np.array([edge_between[frozenset(pair)] for pair in pairwise(chain)])
         x = lattice.points[chain]
+
+        # an edge is straight where the point in its middle lies in the middle of its chord
         halves = lattice.points[lattice.chains[edges, middle]]
         bulge = np.linalg.norm(halves - 0.5 * (x[1:] + x[:-1]), axis=1)
         length = np.linalg.norm(np.diff(x, axis=0), axis=1)
         straight = bulge < CURVES.straight * length
+
+        # the edges of a run have the number of its first one
         for first, last, circle in _runs(x, halves, straight, lattice.curved):
             number[edges[first:last]] = edges[first]
             if circle is not None:

@@ -115,10 +115,13 @@ def projected(points: Array, field: Field, reach: Array) -> Array:
         around = [x, *(x + side * h * e for e in _AXES for side in (1.0, -1.0))]
         value, right, left, up, down = evaluated(field, np.vstack(around)).reshape(5, -1)
         slope = np.column_stack([right - left, up - down]) / (2.0 * h)
-        size = np.einsum("ij,ij->i", slope, slope)
-        steps = np.where(size > 0.0, value / np.where(size > 0.0, size, 1.0), 0.0)
+
+        # the steps are counted in slopes
+        square = np.einsum("ij,ij->i", slope, slope)
+        divisor = np.where(square > 0.0, square, 1.0)
+        steps = np.where(square > 0.0, value / divisor, 0.0)
         # no farther than asked for, where the slope is next to nothing
-        longest = reach / np.sqrt(np.where(size > 0.0, size, 1.0))
+        longest = reach / np.sqrt(divisor)
         x = x - np.clip(steps, -longest, longest)[:, None] * slope
     return x
 

@@ -86,10 +86,21 @@ def _lattice(
     kinds: Integers,
     marks: Integers,
 ) -> Lattice:
-    """The lattice of cells of one kind, by their nodes and positions, kinds and interfaces."""
+    """The lattice of cells of one shape.
+
+    Args:
+        kind: Shape of the cells.
+        degree: Of their geometry.
+        largest: Length of the longest side of a triangle in straight cells [m].
+        nodes: Numbers of the nodes of each cell, shape (cells, nodes).
+        x: Their positions, shape (cells, nodes, 2) [m].
+        kinds: VOID, DESIGN or SOLID, shape (cells,).
+        marks: Number of the interface on each side, -1 where there is none, shape (cells, sides).
+    """
     reference = basix.geometry(kind)[:, :2]
     corners, ends = len(reference), np.array(basix.topology(kind)[1])
     vertices = np.unique(nodes[:, :corners], return_inverse=True)[1].reshape(-1, corners)
+
     straight = np.linalg.norm(x[:, ends[:, 0]] - x[:, ends[:, 1]], axis=2)
     # an even number, so that the pattern of a quadrilateral is its own mirror image
     n = 2 * max(1, int(np.ceil(0.5 * float(straight.max()) / largest - 1e-9)))
@@ -100,37 +111,44 @@ def _lattice(
     table = np.asarray(element.tabulate(0, places / n)).reshape(len(places), -1)
     positions = np.einsum("pn,cnd->cpd", table, x)
 
+    # the edge on each side of each cell, and whether the side runs against it
     pairs = vertices[:, ends].reshape(-1, 2)
-    turned = pairs[:, 0] > pairs[:, 1]
+    is_against = (pairs[:, 0] > pairs[:, 1]).reshape(-1, len(ends))
     edges, edge = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
-    edge, turned = edge.reshape(-1, len(ends)), turned.reshape(-1, len(ends))
-    count = int(vertices.max()) + 1
-    inner = count + np.arange(len(edges) * (n - 1)).reshape(len(edges), n - 1)
+    edge = edge.reshape(-1, len(ends))
+
+    # points have numbers: first the vertices, then those along edges, then those within cells
+    n_vertices = int(vertices.max()) + 1
+    inner = n_vertices + np.arange(len(edges) * (n - 1)).reshape(len(edges), n - 1)
     chains = np.column_stack([edges[:, 0], inner, edges[:, 1]])
     numbers = np.full((len(nodes), len(places)), -1, dtype=np.int64)
     for i, (a, b) in enumerate(reference[ends]):
         steps = np.rint(n * (a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a))).astype(int)
-        on_edge = [int(np.flatnonzero(np.all(places == step, axis=1))[0]) for step in steps]
+        on_side = [int(np.flatnonzero(np.all(places == step, axis=1))[0]) for step in steps]
         along = chains[edge[:, i]]
-        numbers[:, on_edge] = np.where(turned[:, i, None], along[:, ::-1], along)
+        numbers[:, on_side] = np.where(is_against[:, i, None], along[:, ::-1], along)
     within = np.flatnonzero(numbers[0] < 0)
-    total = count + inner.size
-    numbers[:, within] = total + np.arange(len(nodes) * len(within)).reshape(len(nodes), -1)
-    points = np.empty((total + len(nodes) * len(within), 2))
+    n_shared = n_vertices + inner.size
+    n_within = len(nodes) * len(within)
+    numbers[:, within] = n_shared + np.arange(n_within).reshape(len(nodes), -1)
+    points = np.empty((n_shared + n_within, 2))
     points[numbers] = positions
 
     triangles = numbers[:, pattern]
     clockwise = cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) < 0.0
     triangles[clockwise] = triangles[clockwise][:, :, ::-1]
-    # the cells at each edge, one or two
+
+    # the cells at each edge, one or two: the sides of cells in the order of their edges
     flat = edge.ravel()
     order = np.argsort(flat, kind="stable")
     in_order = flat[order]
     first = np.searchsorted(in_order, np.arange(len(edges)))
+    position_at_edge = np.arange(len(order)) - first[in_order]
     sides = np.zeros((len(edges), 2), dtype=np.int64)
-    sides[in_order, np.arange(len(order)) - first[in_order]] = np.repeat(kinds, len(ends))[order]
+    sides[in_order, position_at_edge] = np.repeat(kinds, len(ends))[order]
     interface = np.full(len(edges), -1, dtype=np.int64)
     np.maximum.at(interface, flat, marks.ravel())
+
     triangles, kinds = triangles.reshape(-1, 3), np.repeat(kinds, len(pattern))
     return Lattice(points, triangles, kinds, edges, chains, sides, interface, degree > 1)
 

@@ -125,10 +125,12 @@ def volume_integrals_pullback(
 
 
 def _moments_pullback(fields: Block, bar: VolumeIntegrals) -> Block:
-    """The fields y with  d psi = sum_a m_dx(w_a, y_a)  by G and N, or by P."""
+    """The fields y with  d psi = sum_a m_dx(w_a, y_a)  by G and N, or by P, (dofs, fields)."""
     if bar.P is None:  # J^T = -J; N is antisymmetric, so both of its slots add up
         turned = rotated(fields @ (0.5 * (bar.N - bar.N.T)).T)
         return np.asarray(fields @ symmetric(bar.G) - turned)
+
+    # the moment P_abkj of the components k of w_a and j of w_b is also P_bajk
     moments_bar = 0.5 * (bar.P + bar.P.transpose(1, 0, 3, 2))
     half = np.zeros_like(fields)
     for k, j in np.ndindex(3, 3):

@@ -84,18 +84,25 @@ class Struts:
         offset = x[j, :, 0] - x[i, :, 0]
         length = np.linalg.norm(offset, axis=1)
         along = offset / length[:, None]
+
+        # a unit force along a strut, as the resultants xx, yy, xy
         stress = np.column_stack([along**2, along[:, :1] * along[:, 1:]])
-        by_area, compliance = _solid(self._elasticity, self._matrices)
+        mass_by_area, compliance = _solid(self._elasticity, self._matrices)
         stiffness = width / length / np.einsum("si,ij,sj->s", stress, compliance, stress)
-        stretch, against, modal_stretch = (
+        phi_stretch, kappa_stretch, modal_stretch = (
             np.einsum("sd,sdk->sk", along, f[j] - f[i]) for f in (phi, kappa, normal)
         )
-        strains = np.einsum("sk,sk->s", stretch, against)
+        stretches = np.einsum("sk,sk->s", phi_stretch, kappa_stretch)
+        resistance = 1.0 + stiffness * np.sum(modal_stretch**2, axis=1)
+
+        # the consistent mass matrix of a bar
         moved = np.zeros(len(ends))
         for weight, a, b in ((2.0, i, i), (1.0, i, j), (1.0, j, i), (2.0, j, j)):
             moved += weight / 6.0 * np.einsum("sdk,sdk->s", w[a], y[b])
-        resistance = 1.0 + stiffness * np.sum(modal_stretch**2, axis=1)
-        return np.asarray(stiffness / resistance * strains + width * by_area * length * moved)
+
+        by_stiffness = stiffness / resistance * stretches
+        by_mass = width * mass_by_area * length * moved
+        return np.asarray(by_stiffness + by_mass)
 
 
 def _at_nodes(
