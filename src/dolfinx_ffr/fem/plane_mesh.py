@@ -173,6 +173,10 @@ def _directions(drawing: Drawing) -> tuple[list[bool], dict[tuple[int, int], int
 
 
 def _add(occ: Any, curve: Curve, ends: list[int], point: Callable[[Array], int]) -> int:
+    """Add a curve between points of Gmsh to its geometry ``occ``, and return its number.
+
+    ``ends`` are the numbers of both points; ``point`` adds another one, (2,), and numbers it.
+    """
     if isinstance(curve, Line):
         return int(occ.addLine(*ends))
     if isinstance(curve, Arc):
@@ -298,15 +302,18 @@ def _bend(model: Any, divided: Sequence[_CurveCells]) -> None:
 
 def _flattest(x: Array) -> Array:
     """Smallest Jacobian determinant of triangles (cells, 6, 2), relative to straight ones."""
+    # the nodes, in the order of Gmsh, and the center
     points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5], [1 / 3, 1 / 3]])
     determinants = []
     for r, s in points:
         t = 1.0 - r - s
+        # derivatives of the quadratic shape functions by r and by s
         slopes = [
             [1 - 4 * t, 4 * r - 1, 0.0, 4 * (t - r), 4 * s, -4 * s],
             [1 - 4 * t, 0.0, 4 * s - 1, -4 * r, 4 * r, 4 * (t - s)],
         ]
         determinants.append(np.linalg.det(np.array(slopes) @ x))
+
     straight_sides = x[:, 1:3] - x[:, :1]
     return np.asarray(np.min(determinants, axis=0) / np.linalg.det(straight_sides))
 

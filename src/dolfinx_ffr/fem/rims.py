@@ -196,7 +196,10 @@ class _DividedDrawing:
         return node, place
 
     def _curve(self, x: Array) -> Curve:
-        """A line, an arc or a spline along points (n, 2) of a smooth curve."""
+        """A line, an arc or a spline along points (n, 2) of a smooth curve.
+
+        It is the first of these that the points fit; its ends are the first and the last point.
+        """
         chord = x[-1] - x[0]
         across = np.abs((x - x[0]) @ np.array([-chord[1], chord[0]]))
         if np.any(chord) and np.all(across <= self._fine * np.hypot(*chord)):
@@ -206,14 +209,16 @@ class _DividedDrawing:
         circle = _circle(inner)
         if circle is not None:
             arc = Arc.along(x, circle[0])
-            if np.array_equal(x[0], x[-1]):
+            is_closed = np.array_equal(x[0], x[-1])
+            if is_closed:
                 return replace(arc, sweep=float(np.copysign(2.0 * np.pi, arc.sweep)))
             return arc.moved(x[0], x[-1])
 
-        along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
-        count = max(4, int(RIM.points * along[-1] / self._width))
-        samples = np.linspace(0.0, along[-1], count)
-        points = np.column_stack([np.interp(samples, along, x[:, k]) for k in (0, 1)])
+        # a spline through points at equal distances, which are fewer than those of the curve
+        arc_length = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
+        count = max(4, int(RIM.points * arc_length[-1] / self._width))
+        samples = np.linspace(0.0, arc_length[-1], count)
+        points = np.column_stack([np.interp(samples, arc_length, x[:, k]) for k in (0, 1)])
         points[0], points[-1] = x[0], x[-1]
         return Spline.through(points)
 
