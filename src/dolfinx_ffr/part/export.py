@@ -141,13 +141,16 @@ def _common(one: tuple[Curve, str], other: tuple[Curve, str]) -> Curve | None:
         return None
     if isinstance(a, Line) and isinstance(b, Line):
         d, e = a.end - a.start, b.end - b.start
-        along = float(np.hypot(*d) * np.hypot(*e))
-        if abs(d[0] * e[1] - d[1] * e[0]) < 1e-9 * along and d @ e > 0.0:
+        lengths = float(np.hypot(*d) * np.hypot(*e))
+        is_parallel = abs(d[0] * e[1] - d[1] * e[0]) < 1e-9 * lengths
+        if is_parallel and d @ e > 0.0:
             return Line(a.start, b.end)
+
     if isinstance(a, Arc) and isinstance(b, Arc) and a.sweep * b.sweep > 0.0:
         is_concentric = np.hypot(*(a.center - b.center)) < 1e-9 * a.radius
         is_one_circle = is_concentric and abs(a.radius - b.radius) < 1e-9 * a.radius
         sweep = a.sweep + b.sweep
+        # both together may be less than a circle, as an arc has two ends
         if is_one_circle and abs(sweep) < 2 * np.pi - 1e-6:
             return Arc(a.start, b.end, a.center, sweep)
     return None
