@@ -355,14 +355,17 @@ def _steps(trajectory: Trajectory) -> Warnings:
 def _squared_phase(trajectory: Trajectory) -> float:
     """(omega h)^2, with omega^2 estimated as largest acceleration over largest displacement."""
     model = trajectory.model
-    h = np.repeat(np.diff(trajectory.step_ends), trajectory.integrator.stages)
+    h = np.repeat(np.diff(trajectory.step_ends), trajectory.integrator.stages)  # of each stage
+
     displacement = model.arrays.difference(trajectory.y, trajectory.y[0])
     # Of a turning body the chord, which does not grow from turn to turn.
     displacement[:, model.rotations] = 2.0 * np.sin(0.5 * displacement[:, model.rotations])
     floor = norm_floors(model.arrays, float(trajectory.t[-1]))[0]
-    size = max(float(np.max(mass_norm(model.arrays, displacement))), floor)
-    swing = mass_norm(model.arrays, trajectory.w[1:] - trajectory.w[0])
-    return float(np.max(h**2 * swing)) / size
+    largest_displacement = max(float(np.max(mass_norm(model.arrays, displacement))), floor)
+
+    # Without that of the start, so that a constant acceleration is no vibration.
+    acceleration = mass_norm(model.arrays, trajectory.w[1:] - trajectory.w[0])
+    return float(np.max(h**2 * acceleration)) / largest_displacement
 
 
 def _squared_elastic_phase(trajectory: Trajectory) -> float:
