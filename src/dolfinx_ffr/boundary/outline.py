@@ -586,8 +586,10 @@ class Boundary:
 
     def restored(self, state: Mapping[str, NDArray[Any]]) -> Boundary:
         """The boundary with that `state`, which this one had come to."""
-        keys, ends = state["curves"].tolist(), np.cumsum(state["counts"])[:-1]
+        keys = state["curves"].tolist()
+        ends = np.cumsum(state["counts"])[:-1]
         controls, orbits = (np.split(state[name], ends) for name in ("control", "orbits"))
+        # a closed curve begins and ends at no node
         nodes = [None if pair[0] < 0 else (pair[0], pair[1]) for pair in state["nodes"].tolist()]
         free = dict(zip(keys, map(FreeCurve, controls, nodes), strict=True))
 
@@ -596,6 +598,7 @@ class Boundary:
             if loop == len(loops[face]):
                 loops[face].append([])
             loops[face][loop].append(Side(bool(is_free), number, bool(forward)))
+
         faces = tuple(
             (str(group), tuple(map(tuple, face_loops)))
             for group, face_loops in zip(state["groups"], loops, strict=True)

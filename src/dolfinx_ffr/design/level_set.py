@@ -289,15 +289,22 @@ class LevelSet(Design):
         return csr_matrix(total / len(self._images))
 
     def _slopes(self, points: Array) -> tuple[csr_matrix, ...]:
-        """The matrices that take coefficients to the derivatives of f at points."""
+        """The matrices that take coefficients to the derivatives of f at points, one by direction.
+
+        Each is (points, coefficients). The weights of the coefficients are kernels g over their
+        sum at the point; so the quotient rule subtracts the weight times the sum's derivative.
+        """
         total: list[Any] = [0.0] * points.shape[1]
         for image in self._images:
             x = image(points)
             g = kernel_matrix(self.kernel, x, self._tree).tocoo()
             sums = np.bincount(g.row, weights=g.data, minlength=len(x))
+
+            # of the kernel by the point
             offset = x[g.row] - self.knots[g.col]
             s = np.linalg.norm(offset, axis=1) / self.radius
             slope = (-20.0 / self.radius**2 * (1.0 - s) ** 3)[:, None] * offset
+
             values = np.empty_like(slope)
             for k, component in enumerate(slope.T):
                 mean = np.bincount(g.row, weights=component, minlength=len(x)) / sums

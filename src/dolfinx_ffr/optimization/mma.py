@@ -224,12 +224,19 @@ class MMASteps(Iterator[Iterate]):
                 by_design[name] = shrunk(design, by_design[name], self.volume[name])
         variables = np.concatenate(list(by_design.values()))
         x = self.x(variables, 0.0)
-        evaluation = self.loop.calibrated(self.loop.accurate(self.loop.value(x), x, 0))
-        bounds = self.bounds(variables, self.at_nominal(variables, evaluation, 0.0), 0.0)
+
+        accurate = self.loop.accurate(self.loop.value(x), x, 0)
+        evaluation = self.loop.calibrated(accurate)
+        at_nominal = self.at_nominal(variables, evaluation, 0.0)
+        bounds = self.bounds(variables, at_nominal, 0.0)
+
         state = Asymptotes(self.lower, self.upper, variables, self.options.move)
         merit = self.merit(variables, evaluation, 0.0)
-        point = self.with_best(_Point(state, np.zeros(len(bounds)), bounds, merit=merit))
-        self.point, self.now = point, self.differentiate(evaluation, point)
+        no_margins = np.zeros(len(bounds))
+        point = self.with_best(_Point(state, no_margins, bounds, merit=merit))
+        self.now = self.differentiate(evaluation, point)
+        self.point = point
+
         differentiated = self.now.evaluation
         return self.iterate(point, differentiated, x, accepted=True, step=0.0, multiplier=0.0)
 
