@@ -143,9 +143,9 @@ def assert_taylor_order(result: TaylorResult, minimum: float = 1.9, points: int 
 
 
 def convergence_order(h: ArrayLike, errors: ArrayLike) -> float:
-    """Order p of ``errors``, C times ``h`` to the power p, by least squares of the logarithms.
+    """The order p for which C h^p fits the ``errors`` best, by least squares of the logarithms.
 
-    Both have the shape (n,).
+    The sizes ``h`` and the ``errors`` have the shape (n,).
     """
     x, y = np.asarray(h, dtype=np.float64), np.asarray(errors, dtype=np.float64)
     if x.shape != y.shape or x.ndim != 1 or x.size < 2:

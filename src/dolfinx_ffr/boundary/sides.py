@@ -166,7 +166,7 @@ class _Sorting:
     def extend_along_solid_regions(self) -> None:
         """Make one run of sides that move and those of solid regions that go on from them.
 
-        What goes along a solid region goes back on its other side, in a loop of the design.
+        A chain along a solid region is walked back on its other side, in a loop of the design.
         """
         chains = self.chains
         for node in list(self.moving):
@@ -215,7 +215,7 @@ class _Sorting:
         return []
 
     def close_loops(self) -> None:
-        """Join the chains of designed regions to loops, and add the runs of those that move."""
+        """Join the chains of designed regions to loops, and add a run for each moving chain."""
         chains = self.chains
         remaining = {chains.first_node(c): c for c in [*self.staying, *self.moving.values()]}
         while remaining:

@@ -232,7 +232,7 @@ def curvature(metric: csc_matrix, known: Array, gradient: Array) -> Array:
     """
     if not known.size:
         return np.zeros((len(gradient), 0))
-    round_off = 1e-6  # share of the largest square or curvature that is not told from zero
+    round_off = 1e-6  # share of the largest square or curvature that counts as zero
     moves = known[0].T
     changes = np.diff([*known[1], gradient], axis=0).T
 

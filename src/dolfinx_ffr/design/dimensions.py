@@ -61,12 +61,13 @@ class NodesOnGeometry:
     """
 
     def __init__(self, model: Any, x: Array, outer: Integers) -> None:
-        """Find them among the nodes ``x`` (nodes, dimension); ``outer`` numbers the boundary's."""
+        """Find the entities on which the ``outer`` ones of the nodes ``x`` (nodes, 2 or 3) lie."""
         self.dimension = x.shape[1]
         points = np.pad(x, ((0, 0), (0, 3 - self.dimension)))
         self._near = _ON * float(np.max(np.ptp(points, axis=0)))
-        #: Dimension, tag, numbers of the nodes there, and shares (nodes, dimension) of parameters
-        self._places: list[tuple[int, int, Integers, Array]] = []
+        #: Dimension and tag of each point, curve or face, the numbers of the nodes on it, and their
+        #: shares (nodes on it, its dimension) of the ranges of its parameters
+        self._entities: list[tuple[int, int, Integers, Array]] = []
         unplaced = np.zeros(len(x), dtype=bool)
         unplaced[outer] = True
         for dim, tag in model.getEntities():  # points first
@@ -86,22 +87,22 @@ class NodesOnGeometry:
             positions = _at(model, dim, tag, shares)
             is_on = np.linalg.norm(positions - points[candidates], axis=1) < self._near
             unplaced[candidates[is_on]] = False
-            self._places.append((dim, tag, candidates[is_on], shares[is_on]))
+            self._entities.append((dim, tag, candidates[is_on], shares[is_on]))
 
     @property
     def nodes(self) -> Integers:
-        """The numbers of these nodes, as `positions` has them."""
-        return np.concatenate([nodes for _, _, nodes, _ in self._places]).astype(np.int64)
+        """The numbers of the nodes on the geometry, in the order of `positions`."""
+        return np.concatenate([nodes for _, _, nodes, _ in self._entities]).astype(np.int64)
 
     def positions(self, model: Any) -> Array:
-        """Their positions in a model of the same topology, shape (nodes here, dimension) [m]."""
-        positions = [_at(model, dim, tag, shares) for dim, tag, _, shares in self._places]
+        """Positions of `nodes` in a ``model`` of the same topology, (nodes there, 2 or 3) [m]."""
+        positions = [_at(model, dim, tag, shares) for dim, tag, _, shares in self._entities]
         return np.concatenate(positions)[:, : self.dimension]
 
     def on_faces(self, model: Any) -> tuple[Integers, Array]:
         """Numbers of the nodes on faces of a body in space, and unit normals there (nodes, 3)."""
         nodes, normals = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
-        for dim, tag, on_face, shares in self._places:
+        for dim, tag, on_face, shares in self._entities:
             if dim == 2 and len(on_face):
                 low, width = _range(model, dim, tag)
                 nodes.append(on_face)
@@ -134,8 +135,8 @@ def extended(
 ) -> Array:
     """Extend the motions ``rates`` (nodes, dimension, k) of ``known`` nodes to all nodes.
 
-    In space ``faces`` are nodes on faces with their normals, whose ``rates`` count across the faces
-    alone.
+    In space ``faces`` are the nodes on faces and the normals there: of the ``rates`` of these nodes
+    only the components across the faces count.
     """
     d = x.shape[1]
     corners, rates, known = cells[:, : d + 1], rates.copy(), known.copy()
@@ -154,14 +155,14 @@ def extended(
     sides = basix.topology(kind)[1]
     for local in range(d + 1, cells.shape[1]):  # middles of sides
         middle = cells[:, local]
-        loose = ~known[middle]
+        is_unknown = ~known[middle]
         ends = cells[:, sides[local - d - 1]]
-        rates[middle[loose]] = rates[ends[loose]].mean(axis=1)
+        rates[middle[is_unknown]] = rates[ends[is_unknown]].mean(axis=1)
     return rates
 
 
 def _fill(x: Array, simplices: Integers, rates: Array, known: Mask) -> None:
-    """Solve Laplace's equation for the vertices of simplices that are not known yet."""
+    """Give the unknown vertices of simplices rates by Laplace's equation, in place."""
     vertices = np.unique(simplices)
     free, known_vertices = vertices[~known[vertices]], vertices[known[vertices]]
     if len(free):
@@ -435,9 +436,12 @@ class DimensionDesign(Variables):
         remedy = f"give a larger size [m], or all dimensions in metres: the body is {sides}"
         check_count("the mesh", count, f"cells of {self._length:.4g} m", remedy)
 
-    def _rates(self, x: Array, cells: Any, variables: Array, still: Any) -> Array:
-        """Rates of all nodes by each dimension, (nodes, dimension, k); on rank 0."""
-        d, size = x.shape[1], float(np.max(np.ptp(x, axis=0)))
+    def _rates(self, x: Array, cells: Integers, variables: Array, still: Integers) -> Array:
+        """Rates of all nodes by each named dimension k, (nodes, 2 or 3, k); on rank 0.
+
+        The mesh has the nodes ``x`` and the ``cells``; the nodes ``still`` do not move.
+        """
+        d, body_length = x.shape[1], float(np.max(np.ptp(x, axis=0)))
         outer = np.unique(outer_facets(cells[:, : d + 1]))
         rates, is_known = np.zeros((len(x), d, self.size)), np.zeros(len(x), dtype=bool)
         with gmsh_model() as gmsh:
@@ -450,8 +454,8 @@ class DimensionDesign(Variables):
             raise ValueError("the nodes of the mesh do not lie on its geometry")
         for k in range(self.size):
             (above, below), difference = self._beside(variables, k)
-            change = self._places(on_geometry, above) - self._places(on_geometry, below)
-            if np.max(np.abs(change), initial=0.0) > _JUMP * size:
+            change = self._positions(on_geometry, above) - self._positions(on_geometry, below)
+            if np.max(np.abs(change), initial=0.0) > _JUMP * body_length:
                 raise ValueError(
                     f"curves or faces are exchanged by a small change of {self.names[k]!r}: build "
                     "them in the same order for all values"
@@ -465,7 +469,7 @@ class DimensionDesign(Variables):
         is_known[still] = True
         return extended(x, cells, rates, is_known, faces)
 
-    def _places(self, on_geometry: NodesOnGeometry, variables: Array) -> Array:
+    def _positions(self, on_geometry: NodesOnGeometry, variables: Array) -> Array:
         """Positions of the nodes on the geometry at variables, (nodes there, dimension) [m]."""
         with gmsh_model() as gmsh:
             self._check(variables, gmsh)
@@ -479,7 +483,7 @@ class DimensionDesign(Variables):
         return ends, float(ends[0][k] - ends[1][k])
 
     def _center_rates(self, variables: Array) -> dict[str, Array]:
-        """Rates (dimension, k) of the centers that the user's function gives, by interface."""
+        """Rates (2, k) by the named dimensions of the user's centers, by interface."""
         if not self._drawn or not (centers := self._outline_arguments(variables).get("centers")):
             return {}
         rates = {name: np.zeros((len(center), self.size)) for name, center in centers.items()}

@@ -566,7 +566,11 @@ def _grid(lines: Sequence[Array]) -> Array:
 def _distance_from_contour(
     points: Array, grid: Sequence[Array], values: Array, level: float
 ) -> Array:
-    """The distance of points (n, d) from the contour of a field on a grid, (n,), or infinity."""
+    """The distance of points (n, d) from a contour, (n,) [m], infinity where there is none.
+
+    The contour at ``level`` is that of the field with ``values`` on a ``grid``, whose coordinates
+    are given along each axis.
+    """
     if len(grid) == 3:
         return _distance_in_space(points, grid, values, level)
     lines = contourpy.contour_generator(grid[0], grid[1], values.T).lines(level)
@@ -579,12 +583,14 @@ def _distance_from_contour(
 
 
 def _distance_in_space(points: Array, grid: Sequence[Array], values: Array, level: float) -> Array:
+    """The distance of points (n, 3) from a contour in space, as `_distance_from_contour`."""
     import pyvista  # takes a while
 
-    origin, steps = zip(*((line[0], line[1] - line[0]) for line in grid), strict=True)
-    image = pyvista.ImageData(dimensions=values.shape, origin=origin, spacing=steps)
+    origin = tuple(line[0] for line in grid)
+    spacing = tuple(line[1] - line[0] for line in grid)
+    image = pyvista.ImageData(dimensions=values.shape, origin=origin, spacing=spacing)
     surface = image.contour([level], scalars=values.ravel(order="F"))
     if not surface.n_cells or len(points) == 0:
         return np.full(len(points), math.inf)
-    nearest = surface.find_closest_cell(points, return_closest_point=True)[1]
+    _, nearest = surface.find_closest_cell(points, return_closest_point=True)
     return np.linalg.norm(points - nearest, axis=1)

@@ -180,7 +180,7 @@ def _percent(share: float) -> str:
 
 
 def _corners(domain: Domain) -> Array:
-    """The corners of this rank's cells one after the other, (cells, corners, 2) [m]."""
+    """The corners of this rank's cells, in order around each cell, (cells, corners, 2) [m]."""
     order = [0, 1, 2] if domain.cell == "triangle" else [0, 1, 3, 2]
     nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells, order]
     return np.asarray(domain.mesh.geometry.x[nodes][:, :, :2])

@@ -70,7 +70,8 @@ def started(model: FlatModel) -> tuple[FlatModel, Array, Array]:
         v = closure.moving(y, v)
         _refuse_redundant(model, closure.constraints(y, v)[2])
     _refuse_without_direction(model, y)
-    joint = reversed_joint(model, (0, _placed(model)[0]), (0, y))
+    placed, _ = _placed(model)
+    joint = reversed_joint(model, (0, placed), (0, y))
     if joint is not None:
         raise ValueError(
             f"joint {joint!r} closes with its axis reversed; the placements are too far from a "
@@ -92,14 +93,20 @@ def reversed_joint(
 
 
 def placement_corrections(model: FlatModel, y: Array) -> dict[str, tuple[float, float]]:
-    """Distance [m] and angle [rad] of each undeformed body from its placement, by the joints."""
+    """Distance [m] and angle [rad] by which closing the joints moves each body, by name.
+
+    They are counted from the placement to the start ``y`` (size,); where that is deformed or a
+    static equilibrium, to the position in which the joints of the undeformed bodies close.
+    """
     if not model.rows:
         return {}
     model = model.counting_from_placements()
-    placed, corrections = _placed(model)[0], {}
-    if model.mechanism.start.in_equilibrium or np.any(_elastic_state(model)[0]):
+    placed, _ = _placed(model)
+    deformation, _ = _elastic_state(model)
+    if model.mechanism.start.in_equilibrium or np.any(deformation):
         y = _Closure(model).assembled(placed, refuse=False)
     shift = model.arrays.difference(y[None], placed)[0]
+    corrections = {}
     for body in model.bodies:
         columns = model.coordinates(body)
         angle = float(np.linalg.norm(shift[columns.rotation]))
@@ -110,7 +117,8 @@ def placement_corrections(model: FlatModel, y: Array) -> dict[str, tuple[float, 
 def widest_gap(model: FlatModel) -> tuple[str, str]:
     """Name of the joint with the widest gap in the placements, and the gap with its unit."""
     closure = _Closure(model.counting_from_placements())
-    gap, _ = closure.residual(_placed(model)[0])
+    placed, _ = _placed(model)
+    gap, _ = closure.residual(placed)
     row = int(np.argmax(np.abs(gap)))
     size, unit = abs(gap[row]) / closure.row[row], "rad" if model.angular[row] else "m"
     return model.joint_of_row(row), f"{size:.3g} {unit}"
@@ -147,7 +155,7 @@ def _elastic_state(model: FlatModel) -> tuple[Array, Array]:
 
 
 def _placed(model: FlatModel) -> tuple[Array, Array]:
-    """Coordinates and velocities of the placements."""
+    """Coordinates and velocities (size,) of the placements, zero at elastic coordinates."""
     y, v = np.zeros(model.size), np.zeros(model.size)
     for name in model.bodies:
         rigid = model.coordinates(name).rigid
@@ -166,12 +174,12 @@ class _Closure:
         self.marker_bars = self._kinematics.marker_bars
         self.length = length_of(arrays)
         self.rigid = model.rigid
-        # Angles count as the arc they sweep at the mechanism's size.
+        # scales of rigid coordinates and of rows: angles count as arcs at the mechanism's size
         self.column = np.where(model.rotations[self.rigid], 1.0 / self.length, 1.0)
         self.row = np.where(model.angular, self.length, 1.0)
 
     def constraints(self, y: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Gaps of positions and velocities, and the constraint Jacobian."""
+        """Gaps of positions and of velocities, (rows,) each, and the Jacobian (rows, size)."""
         zero = np.zeros(self.model.size), np.zeros(self.model.rows)
         values, jacobian, *_ = self._kinematics.evaluated(0, y, v, *zero)
         gaps = values[self.model.size :].reshape(2, -1)

@@ -95,8 +95,9 @@ class _Room(NamedTuple):
     """The room that a parameter leaves for steps of differences."""
 
     name: str
-    width: float  #: Of its range.
-    side: int  #: 0 if there is room to both sides of its value, else 1 or -1, where there is more.
+    width: float  #: Width of the range of the parameter.
+    #: 0 if there is room on both sides of its value, else the side with more room, 1 or -1.
+    side: int
 
     @staticmethod
     def beside(name: str, below: float, above: float) -> _Room:
@@ -125,7 +126,7 @@ def parameter_slopes(trajectory: Trajectory, bars: Sequence[MechanismBars]) -> A
     """
     differences = _Differences(trajectory.model, (trajectory.y[0], trajectory.v[0]))
     _again(differences.check_repeatable)
-    return _again(lambda: differences.contracted(bars))
+    return _again(lambda: differences.by_parameters(bars))
 
 
 def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float]]) -> Array:
@@ -218,7 +219,7 @@ _ONE_SIDED = (
 
 
 class _JumpedError(ValueError):
-    """The start is far from that at the values."""
+    """The start at shifted parameters is far from the start at their values."""
 
 
 class _Differences:
@@ -248,8 +249,8 @@ class _Differences:
         with suppress(TypeError):  # some callables take no weak references
             _REPEATABLE.add(build)
 
-    def contracted(self, bars: Sequence[MechanismBars]) -> Array:
-        """Derivatives (bars, parameters) of numbers from those by what the mechanism says."""
+    def by_parameters(self, bars: Sequence[MechanismBars]) -> Array:
+        """Derivatives (bars, parameters), from those by what the mechanism says."""
         by_numbers = np.array([self.numbers.bars(bar.arrays, bar.bodies) for bar in bars])
         count = len(self.rooms)
         derivatives, remaining = np.zeros((len(bars), count)), list(range(count))
@@ -257,6 +258,7 @@ class _Differences:
         if grouped is not None:
             slopes, owner, remaining = grouped
             for row, bar in zip(derivatives, by_numbers, strict=True):
+                # the first of the sums is of the numbers with owner -1
                 row[:] = np.bincount(owner + 1, bar * slopes, count + 1)[1:]
         for k in remaining:
             derivatives[:, k] = 0.0
@@ -264,17 +266,17 @@ class _Differences:
                 change = by_numbers @ (state.numbers - self.numbers.values)
                 derivatives[:, k] += weight * change
                 if np.any(state.y) or np.any(state.v):
-                    of_start = [bar.y @ state.y + bar.v @ state.v for bar in bars]
-                    derivatives[:, k] += weight * np.array(of_start)
+                    start_changes = [bar.y @ state.y + bar.v @ state.v for bar in bars]
+                    derivatives[:, k] += weight * np.array(start_changes)
         return derivatives
 
     def _grouped(self) -> tuple[Array, Integers, list[int]] | None:
         """Slopes of the numbers by parameters that are shifted in groups.
 
-        Returns the slopes, of each number the one parameter on which it depends or -1, (numbers,)
-        each, and the parameters that must be shifted one by one: those on which the start depends
-        or a number with others, and those over whose steps slopes change. None where groups save
-        nothing, or fail.
+        Returns the slopes (numbers,), the owner of each number (numbers,), which is the one
+        parameter on which it depends or -1, and the parameters that must be shifted one by one:
+        those on which the start depends, those that share a number with others, and those over
+        whose steps slopes change. None where groups save nothing, or fail.
         """
         count, values = len(self.rooms), self.numbers.values
         groups = _groups(count)
@@ -335,16 +337,19 @@ class _Differences:
         back: _State,
         owner: Integers,
     ) -> Mask:
-        """Parameters on which the start depends or a number with others, shape (parameters,)."""
+        """Mask of parameters on which the start depends, or that share a number with others."""
         bit = 2 ** np.arange(len(states))
         depends = np.any(changed, axis=0) | (back.numbers != self.numbers.values)
         shared = set((bit @ changed)[(owner < 0) & depends])
         if self.start is not None and np.any(starts := self._start_numbers):
             inputs = np.array([self._start_inputs(state.model)[starts] for state in states])
             shared |= set(bit @ (inputs != self._inputs[starts])) - {0}
-        # nothing is known where a number changes on one side only, code 0
+        # a number with code 0 changes on one side only, and may depend on any of the parameters
         return np.array(
-            [any(own & ~code == 0 or code == 0 for code in shared) for own in groups @ bit]
+            [
+                any(code_of_parameter & ~code == 0 or code == 0 for code in shared)
+                for code_of_parameter in groups @ bit
+            ]
         )
 
     def around(self, k: int) -> list[tuple[float, _State]]:
@@ -378,9 +383,10 @@ class _Differences:
             raise ValueError(f"parameter {name!r}: no derivative: {error}") from error
 
     def _difference(self, k: int, h: float, stencil: _Stencil) -> list[tuple[float, _State]] | None:
-        """States and weights of a difference by parameter k with the step h.
+        """States and weights of the difference by parameter k with the step h.
 
-        None where slopes change over it, or where a difference of second order moves the start.
+        None where slopes change over the step, or where a difference of second order moves the
+        start.
         """
         none = np.zeros(self.model.size)
         value = _State(self.model, self.numbers.values, none, none)
@@ -396,7 +402,7 @@ class _Differences:
         return [(weight / h, state) for weight, state in pairs]
 
     def _bent(self, begin: _State, end: _State, middle: _State) -> bool:
-        """Whether slopes change between two ends by more than a share and round-off."""
+        """Whether slopes change from ``begin`` to ``end`` by more than a share and round-off."""
         a, b, c = (np.concatenate([s.numbers, s.y, s.v]) for s in (begin, end, middle))
         count = int(self.numbers.group[-1]) + 1
         group = np.append(self.numbers.group, np.repeat([count, count + 1], self.model.size))
@@ -454,10 +460,10 @@ class _Differences:
 
 
 def _groups(count: int) -> Integers:
-    """Which parameters are in which groups, (parameters, groups): each in another half of them.
+    """Ones where a parameter is in a group, (parameters, groups); each is in another half of them.
 
-    So many groups that there are enough halves; none is a part of another one (E. Sperner,
-    Mathematische Zeitschrift 27 (1928), doi:10.1007/BF01171114).
+    There are so many groups that there are enough halves, of which none contains another one
+    (E. Sperner, Mathematische Zeitschrift 27 (1928), doi:10.1007/BF01171114).
     """
     number = next(m for m in itertools.count(1) if math.comb(m, m // 2) >= count)
     groups = np.zeros((count, number), dtype=np.int64)

@@ -49,14 +49,15 @@ def forces_on_frame(model: FlatModel, joints: Sequence[str]) -> tuple[Integers, 
     prescribed motion, and one along a line or a distance that turns with a body are refused by a
     ValueError.
     """
-    arrays, rows, along = model.arrays, list[int](), list[Array]()
+    arrays, rows, unit_forces = model.arrays, list[int](), list[Array]()
     shape = len(model.times), arrays.d
     for name in joints:
         numbers = np.arange(model.rows)[model.joints[name]]
         for row in numbers[~model.angular[numbers]]:
             first_end, second_end, line = arrays.side[row, :3]
-            ends, kind = arrays.vector_body[[first_end, second_end]] >= 0, arrays.kind[row]
-            if ends[0] == ends[1]:
+            is_on_body = arrays.vector_body[[first_end, second_end]] >= 0
+            kind = arrays.kind[row]
+            if is_on_body[0] == is_on_body[1]:
                 raise ValueError(
                     f"joint force: joint {name!r} connects two bodies, but forces of several "
                     "joints add up to the force on the frame; give joints on the ground or on "
@@ -72,7 +73,7 @@ def forces_on_frame(model: FlatModel, joints: Sequence[str]) -> tuple[Integers, 
                     "cannot be added to others; give its line in axes of the frame"
                 )
             rows.append(int(row))
-            along.append(force if ends[0] else -force)
+            unit_forces.append(force if is_on_body[0] else -force)
     if not rows:
         raise ValueError(f"joint force: the joints {list(joints)} carry no forces")
-    return np.array(rows), np.stack(along, axis=1)
+    return np.array(rows), np.stack(unit_forces, axis=1)

@@ -130,24 +130,27 @@ def _clockwise(a: Array, b: Array) -> float:
     return float(angle if angle > 1e-9 else angle + 2.0 * np.pi)
 
 
-def _nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int]]:
-    """Loops of faces by number: counterclockwise ones, each followed by the holes in it."""
-    areas = np.array([enclosed(loop)[0] for loop in closed])
-    shapes = np.array([shapely.Polygon(ring(loop, tolerance)) for loop in closed], dtype=object)
+def _nested(loops: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int]]:
+    """Numbers of the loops of each face: a counterclockwise one, then the holes in it."""
+    areas = np.array([enclosed(loop)[0] for loop in loops])
+    shapes = np.array([shapely.Polygon(ring(loop, tolerance)) for loop in loops], dtype=object)
     outer, holes = np.flatnonzero(areas > 0.0), np.flatnonzero(areas <= 0.0)
-    points = shapely.point_on_surface(shapes[holes])
-    hole, around = shapely.STRtree(shapes[outer]).query(points, predicate="intersects")
-    hole, around = holes[hole], outer[around]
+    points_in_holes = shapely.point_on_surface(shapes[holes])
+    pairs = shapely.STRtree(shapes[outer]).query(points_in_holes, predicate="intersects")
+    hole, around = holes[pairs[0]], outer[pairs[1]]
 
-    # the same loop, walked forwards, is around another face
+    # a face that fills a hole has the hole's loop, walked the other way, and is not around it
     is_larger = areas[around] > -areas[hole] * (1.0 + _ROUND_OFF)
     hole, around = hole[is_larger], around[is_larger]
-    nests = {i: [i] for i in outer.tolist()}
-    # of the faces around a hole the smallest
+
+    # a hole lies in the smallest of the faces around it
     order = np.lexsort((areas[around], hole))
-    for first in np.unique(hole[order], return_index=True)[1]:
-        nests[int(around[order][first])].append(int(hole[order][first]))
-    return list(nests.values())
+    hole, around = hole[order], around[order]
+    smallest = np.unique(hole, return_index=True)[1]
+    loops_of_face = {i: [i] for i in outer.tolist()}
+    for face, hole_in_face in zip(around[smallest].tolist(), hole[smallest].tolist(), strict=True):
+        loops_of_face[face].append(hole_in_face)
+    return list(loops_of_face.values())
 
 
 def ring(loop: Sequence[Curve], tolerance: float) -> Array:

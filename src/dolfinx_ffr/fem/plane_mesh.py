@@ -156,18 +156,18 @@ def surfaces(gmsh: Any, drawing: Drawing, scale: float = 1.0) -> tuple[list[int]
 
 def _directions(drawing: Drawing) -> tuple[list[bool], dict[tuple[int, int], int]]:
     """Which curves are made backwards, and the first of each loop, which goes counterclockwise."""
-    turned, settled = [False] * len(drawing.curves), set()
+    turned, oriented = [False] * len(drawing.curves), set()
     first_curve = {}
     numbered = [(f, n) for f, face in enumerate(drawing.faces) for n in range(len(face.loops))]
     for f, n in sorted(numbered, key=lambda at: len(drawing.faces[at[0]].loops[at[1]])):
         loop = drawing.faces[f].loops[n]
         fits = [(forward == (n == 0)) != turned[i] for i, forward in loop]
-        free = [k for k, (i, _) in enumerate(loop) if fits[k] or i not in settled]
+        free = [k for k, (i, _) in enumerate(loop) if fits[k] or i not in oriented]
         # a curve that belongs to two short loops has one of them on each side, or both on one
         chosen = next((k for k in free if fits[k]), free[0] if free else 0)
         i = loop[chosen][0]
         turned[i] = turned[i] != (not fits[chosen])
-        settled.add(i)
+        oriented.add(i)
         first_curve[f, n] = chosen
     return turned, first_curve
 

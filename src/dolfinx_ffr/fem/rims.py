@@ -27,14 +27,15 @@ from .polylines import turns
 class RimOptions:
     """Accuracy of rims, in widths of the rim where nothing else is said."""
 
-    leftover: float = 0.05  #: What is left between a rim and the outline, and belongs to the rim
+    #: Width of material between a rim and the outline that still belongs to the rim
+    leftover: float = 0.05
     shared_node: float = 0.01  #: Distance from a node of curves that end there
     #: Length of an offset curve from where it comes that near to the outline to where it crosses
     #: it, in leftovers: if it is longer, it runs along the outline
     crossing: float = 4.0
     fine: float = 1e-4  #: Accuracy of the polygons that stand for curves
-    sides: int = 96  #: Of a quarter of a circle by which offset curves are found
-    fewest: int = 10  #: Vertices of a polygon that is a circle
+    sides: int = 96  #: Sides of a quarter of the circle by which offset curves are found
+    fewest: int = 10  #: Least number of vertices of a polygon that may be a circle
     round: float = 1e-5  #: Accuracy of such a circle [radii]
     corner: float = 0.2  #: Angle from which on an offset curve has a corner [rad]
     points: float = 8.0  #: Points of a spline along a width
@@ -78,7 +79,7 @@ def _held(curve: Curve, x: Array, on: Mask, fine: float) -> Iterator[shapely.Lin
 
 
 def _zone(lines: Sequence[shapely.LineString], width: float) -> shapely.Geometry:
-    """All places within a width of lines; of polygons with vertices on a circle, of the circle."""
+    """All points within a width of lines; one with vertices on a circle is this circle."""
     zones = []
     for line in shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines))):
         circle = _circle(shapely.get_coordinates(line)) if line.is_closed else None
@@ -94,6 +95,7 @@ def _zone(lines: Sequence[shapely.LineString], width: float) -> shapely.Geometry
 
 
 def _circle(x: Array) -> tuple[Array, float] | None:
+    """Center (2,) and radius of the circle through points (n, 2), or None if there is none."""
     return nearest_circle(x, RIM.round) if len(x) > RIM.fewest else None
 
 
@@ -145,14 +147,14 @@ class _DividedDrawing:
     """A drawing whose faces are divided by further curves."""
 
     def __init__(self, drawing: Drawing, width: float) -> None:
-        self._given, self._width = drawing, width
+        self._outline, self._width = drawing, width
         self._fine, self._near = RIM.fine * width, RIM.shared_node * width
         self._lines = [shapely.LineString(curve.points(self._fine)) for curve in drawing.curves]
-        #: Where curves of the outline are cut: parameter, node and its place
+        #: Cuts of each curve of the outline: parameter, number of the node, and its position (2,)
         self._cuts: list[list[tuple[float, int, Array]]] = [[] for _ in drawing.curves]
         self._curves: list[Curve] = []
         self._nodes: list[tuple[int, int]] = []
-        self._beyond = 1 + max(max(ends) for ends in drawing.nodes)
+        self._next_node = 1 + max(max(ends) for ends in drawing.nodes)
 
     def add(self, x: Array) -> None:
         """Divide faces by a smooth curve through points (n, 2), or by several between corners.
@@ -163,12 +165,12 @@ class _DividedDrawing:
             corners = _corners(np.vstack([x[-2:-1], x])) - 1
             if len(corners):
                 x = np.vstack([x[corners[0] : -1], x[: corners[0] + 1]])
-            first_node = last_node = self._new()
+            first_node = last_node = self._new_node()
         else:
             (first_node, start), (last_node, end) = self._node(x[0]), self._node(x[-1])
             x = np.vstack([*self._joined(x[0], start), x[1:-1], *self._joined(x[-1], end)[::-1]])
         cuts = [0, *_corners(x).tolist(), len(x) - 1]
-        nodes = [first_node, *(self._new() for _ in cuts[1:-1]), last_node]
+        nodes = [first_node, *(self._new_node() for _ in cuts[1:-1]), last_node]
         for ends, (a, b) in zip(pairwise(nodes), pairwise(cuts), strict=True):
             self._curves.append(self._curve(x[a : b + 1]))
             self._nodes.append(ends)
@@ -177,14 +179,14 @@ class _DividedDrawing:
         """The end of a line at the outline, and the point before it where that is not near."""
         return [end] if np.hypot(*(point - end)) < 2.0 * self._near else [end, point]
 
-    def _new(self) -> int:
-        self._beyond += 1
-        return self._beyond - 1
+    def _new_node(self) -> int:
+        self._next_node += 1
+        return self._next_node - 1
 
     def _node(self, point: Array) -> tuple[int, Array]:
-        """The node of the outline nearest to a point, and its place; a new one where none is."""
+        """The node of the outline near a point, else a new one, and the position of the node."""
         i = int(np.argmin(shapely.distance(shapely.Point(point), self._lines)))
-        curve, ends = self._given.curves[i], self._given.nodes[i]
+        curve, ends = self._outline.curves[i], self._outline.nodes[i]
         t = _nearest(curve, point, self._fine)
         place = curve.at(np.array([t]))[0]
         node_positions = [(ends[0], curve.start), (ends[1], curve.end)]
@@ -192,7 +194,7 @@ class _DividedDrawing:
         for node, position in node_positions:
             if np.hypot(*(place - position)) < self._near:
                 return node, position
-        node = self._new()
+        node = self._new_node()
         self._cuts[i].append((t, node, place))
         return node, place
 
@@ -219,10 +221,10 @@ class _DividedDrawing:
         return Spline.through(points)
 
     def drawing(self, zone: shapely.Geometry) -> Drawing:
-        """All faces, those in the zone in the group "solid"."""
-        outline = self._given
+        """The drawing with all faces; the group "solid" has thin ones and those in the ``zone``."""
+        outline = self._outline
         curves, nodes, groups = [*self._curves], [*self._nodes], [""] * len(self._curves)
-        # those between two faces are walked in both directions
+        # the added curves have a face on both sides, and are walked in both directions
         sides: list[CurveSide] = [
             (i, forward) for forward in (True, False) for i in range(len(curves))
         ]
@@ -230,13 +232,15 @@ class _DividedDrawing:
         for i, cuts in enumerate(self._cuts):
             cuts.sort(key=lambda cut: cut[0])
             cut_curves = outline.curves[i].cut([t for t, _, _ in cuts])
-            places = [node for _, node, _ in cuts]
-            ends = pairwise([outline.nodes[i][0], *places, outline.nodes[i][1]])
-            cut_points = [place for _, _, place in cuts]
-            bounds = pairwise([outline.curves[i].start, *cut_points, outline.curves[i].end])
+            cut_nodes = [node for _, node, _ in cuts]
+            cut_points = [point for _, _, point in cuts]
+            first_node, last_node = outline.nodes[i]
+            first_point, last_point = outline.curves[i].start, outline.curves[i].end
+            end_points = pairwise([first_point, *cut_points, last_point])
             pieces_of_curve.append([len(curves) + k for k in range(len(cut_curves))])
-            curves += [c.moved(*b) if cuts else c for c, b in zip(cut_curves, bounds, strict=True)]
-            nodes += ends
+            for curve, (start, end) in zip(cut_curves, end_points, strict=True):
+                curves.append(curve.moved(start, end) if cuts else curve)
+            nodes += pairwise([first_node, *cut_nodes, last_node])
             groups += [outline.groups[i]] * len(cut_curves)
         for i, forward in (side for face in outline.faces for loop in face.loops for side in loop):
             pieces = pieces_of_curve[i] if forward else pieces_of_curve[i][::-1]
@@ -246,9 +250,9 @@ class _DividedDrawing:
         faces = []
         for loops in divided.faces_beside(sides, self._fine):
             shape = divided.polygon(loops, self._fine)
-            thin = shape.buffer(-0.5 * RIM.leftover * self._width).is_empty
-            solid = thin or shape.intersection(zone).area > 0.5 * shape.area
-            faces.append(Face("solid" if solid else "design", loops))
+            is_thin = shape.buffer(-0.5 * RIM.leftover * self._width).is_empty
+            is_solid = is_thin or shape.intersection(zone).area > 0.5 * shape.area
+            faces.append(Face("solid" if is_solid else "design", loops))
         return replace(divided, faces=faces)
 
 

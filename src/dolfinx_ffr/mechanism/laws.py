@@ -342,21 +342,24 @@ class Spline(_Formula):
         values, below, above = stored[1]
         return values.copy(), below, above
 
-    def _places(self, t: Array) -> tuple[Array, Array]:
-        """The variable at times, and the variable clipped to the spline, (n,) each."""
+    def _variable(self, t: Array) -> tuple[Array, Array]:
+        """The spline's variable at times, and this variable clipped to the spline, (n,) each."""
         x = (np.asarray(t, dtype=np.float64) - self.start) / self.unit
         if self.ends[0] == "periodic":
             x = np.mod(x, self.length)
         return x, np.clip(x, 0.0, self.length)
 
     def _rows(self, order: int, t: Array) -> Any:
-        """Values of the B-splines of a derivative at times (n,), a sparse matrix."""
+        """The B-splines of the derivative of this ``order`` at times (n,).
+
+        A sparse matrix with a row for each time and a column for each B-spline.
+        """
         derivative = self.parts[order]
-        return _basis(derivative.t.tobytes(), derivative.k, self._places(t)[1].tobytes())
+        return _basis(derivative.t.tobytes(), derivative.k, self._variable(t)[1].tobytes())
 
     def _evaluate(self, order: int, t: Array) -> _Derivative:
         """The result of `_derivative`, computed anew."""
-        x, inside = self._places(t)
+        x, inside = self._variable(t)
         slack = _SLACK * self.length
         for end_kind, beyond in zip(self.ends, (x < -slack, x > self.length + slack), strict=True):
             if end_kind == "natural" and np.any(beyond):

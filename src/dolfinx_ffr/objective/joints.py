@@ -91,26 +91,29 @@ class JointForce(OfJoints, MeanOverTime):
         self._check_mean("joint force")
 
     def derivatives(self, response: Response) -> Derivatives:
-        trajectory, (rows, along) = response.trajectory, self._along(response)
+        trajectory, (rows, unit_forces) = response.trajectory, self._unit_forces(response)
         size_bar, bar = self._sizes_bar(response), TrajectoryBar.zeros(trajectory)
-        force = self._force(trajectory, rows, along)
+        force = self._force(trajectory, rows, unit_forces)
         size = np.linalg.norm(force, axis=1)
         # Where the force vanishes, so does the derivative, as the power is above 1.
         quotient = np.divide(size_bar, size, out=np.zeros_like(size), where=size > 0.0)
-        bar.multipliers[:, rows] = np.einsum("tc,trc->tr", quotient[:, None] * force, along)
+        bar.multipliers[:, rows] = np.einsum("tc,trc->tr", quotient[:, None] * force, unit_forces)
         return Derivatives(bar)
 
     def _sizes(self, response: Response) -> tuple[Array, Array]:
         trajectory = response.trajectory
-        size = np.linalg.norm(self._force(trajectory, *self._along(response)), axis=1)
+        size = np.linalg.norm(self._force(trajectory, *self._unit_forces(response)), axis=1)
         return size, time_weights(trajectory, self.window, "joint force")
 
-    def _force(self, trajectory: Trajectory, rows: Integers, along: Array) -> Array:
-        """The force over time, shape (steps + 1, components)."""
-        return np.asarray(np.einsum("tr,trc->tc", trajectory.multipliers[:, rows], along))
+    def _force(self, trajectory: Trajectory, rows: Integers, unit_forces: Array) -> Array:
+        """The force over time, shape (steps + 1, components) [N], or its moment [N m]."""
+        return np.asarray(np.einsum("tr,trc->tc", trajectory.multipliers[:, rows], unit_forces))
 
-    def _along(self, response: Response) -> tuple[Integers, Array]:
-        """Rows whose multipliers count, and their forces for 1, (steps + 1, rows, components)."""
+    def _unit_forces(self, response: Response) -> tuple[Integers, Array]:
+        """Rows whose multipliers count, and the forces of these rows for multipliers of 1.
+
+        The rows have the shape (rows,), the forces (steps + 1, rows, components).
+        """
         model = response.trajectory.model
         self.validate(response.inventory)
         if not isinstance(self.joint, str):

@@ -33,8 +33,8 @@ class CurveSteps(Iterator[Trial]):
 
     Args:
         descent: Evaluates boundaries, and finds steps.
-        boundaries: Where the steps begin.
-        steps: Their number, as it is planned.
+        boundaries: The boundaries from which the steps begin, by body.
+        steps: Planned number of steps.
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out, or None.
         state: State of an earlier run from these boundaries, by `state`; None begins a run.
     """
@@ -65,7 +65,7 @@ class CurveSteps(Iterator[Trial]):
             self._begin(boundaries)
         else:
             self._restore(state)
-        #: Of the history, for the present trial
+        #: Row of the history for the present trial
         self.row = self.row_of(self.trial)
 
     def _begin(self, boundaries: Boundaries) -> None:
@@ -104,7 +104,10 @@ class CurveSteps(Iterator[Trial]):
         return self.trial
 
     def _change_topology(self, slopes: Slopes) -> tuple[Slopes, int, int]:
-        """Insert, delete and translate struts; the slopes there, and how many came and went."""
+        """Insert, delete and translate struts.
+
+        The slopes at the trial with the new struts, and how many struts were inserted and removed.
+        """
         before, step = self.trial, self._descent.step(self.trial, slopes, self._reach)
         trial, inserted, removed = changed(
             self._descent, before, slopes.evaluation, step.bound_multipliers, self._weight
@@ -145,7 +148,7 @@ class CurveSteps(Iterator[Trial]):
 
     def _adapt(self, next_trial: Trial, step: Step) -> None:
         """Choose the reach of the next step, and by how much bounds are tightened."""
-        # one that brings little of what it promises by its curvature was too long
+        # a step that brings little of what it promises by its curvature was too long
         promised = (
             self._options.promised_share * max(0.0, step.promised) if self._secants.size else 0.0
         )
@@ -165,7 +168,7 @@ class CurveSteps(Iterator[Trial]):
     def _check_modes(self) -> None:
         was_best = self.best is self.trial
         descent, self.trial, self._errors = self._accurate(self._descent, self.trial)
-        if descent is not self._descent:  # what was computed with fewer modes does not count
+        if descent is not self._descent:  # results with fewer modes do not count
             self._descent, self.mode_errors, self._secants = descent, self._errors, NONE
             if was_best:
                 self.best = self.trial
@@ -182,9 +185,10 @@ class CurveSteps(Iterator[Trial]):
         return self._descent.finer(self.best)
 
     def tighten(self, fine: Trial) -> bool:
-        """Tighten the bounds that only ``fine`` meshes of the best trial exceed; if there are any.
+        """Tighten the bounds that the best trial exceeds on ``fine`` meshes alone.
 
-        The next steps are short, as near to the best one little moves.
+        False if it exceeds none there. The steps that follow begin at the best trial and are short,
+        as little has to move for the tightened bounds.
         """
         margins = safety_margins(self._descent.margins, self.best, fine)
         if not margins:
@@ -199,7 +203,7 @@ class CurveSteps(Iterator[Trial]):
         return trial.rank(self._weight)
 
     def row_of(self, trial: Trial) -> dict[str, float]:
-        """The row of the history for a trial that no step has led to."""
+        """The row of the history for a trial to which no step has led."""
         return trial.row(0.0, 0, 0, 0)
 
     @property

@@ -80,7 +80,7 @@ def optimize(
             if ``start``, which then counts for nothing, is not the one that the run began with.
         progress: Show a progress bar on rank 0.
         callback: Called after each iteration with its number, the density of this rank's cells
-            (with several bodies by name) and the evaluation of the design that is kept; there
+            (with several bodies by name) and the evaluation of the accepted design; there
             ``objective.evaluate(problem.response(evaluation))`` gives any other objective.
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out. It is
             estimated every five iterations, and modes are added where it is exceeded; None leaves

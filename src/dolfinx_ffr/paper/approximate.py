@@ -310,7 +310,11 @@ class ApproximateGradient:
         exact: Array,
         distance: Array | None,
     ) -> GradientReport:
-        """The report with the true errors, also in the band around the boundary if there is one."""
+        """The report with the errors of ``gradient`` against the ``exact`` one.
+
+        They are taken over all designed cells, and over the band around the boundary where there is
+        a ``distance`` from it. All arrays have the shape (cells,) of this rank.
+        """
         design = domain.design_cells
         report = replace(report, errors=gradient_errors(domain, gradient, exact, design))
         if distance is None:

@@ -254,33 +254,34 @@ def _write_dxf(part: Sheet, path: Path, unit: str) -> None:
     drawing.saveas(path)
 
 
-def _whole(pieces: Sequence[Sequence[Loop]], *, whole_splines: bool = False) -> Drawing:
-    """Pieces of a part, or its pockets, as faces that include solid regions.
+def _undivided_drawing(pieces: Sequence[Sequence[Loop]], *, whole_splines: bool = False) -> Drawing:
+    """The pieces of a part, or its pockets, with one face for each, solid regions included.
 
-    A spline has a curve for each of its polynomials: along several ones OpenCASCADE takes too few
-    points for masses, and its offsets fail at random. With ``whole_splines`` it is one curve, along
-    which cells may be longer than a polynomial.
+    A spline becomes one curve for each of its polynomials: along a curve of several polynomials
+    OpenCASCADE takes too few points for masses, and its offsets fail at random. With
+    ``whole_splines`` a spline stays one curve, along which cells may be longer than a polynomial.
     """
     curves: list[Curve] = []
     faces: list[Face] = []
     nodes: list[tuple[int, int]] = []
-    known: dict[bytes, int] = {}
+    node_of_position: dict[bytes, int] = {}
 
-    def node(where: Array) -> int:
-        return known.setdefault((np.asarray(where) + 0.0).tobytes(), len(known))
+    def node(position: Array) -> int:
+        key = (np.asarray(position) + 0.0).tobytes()  # with 0 in place of -0, whose bytes differ
+        return node_of_position.setdefault(key, len(node_of_position))
 
     for rings in pieces:
         loops = []
         for ring in rings:
-            in_ring: list[Curve] = []
+            ring_curves: list[Curve] = []
             for curve, _ in _joined([(curve, "") for curve, _ in _with_lines(ring)]):
                 if isinstance(curve, Spline) and not whole_splines:
-                    in_ring += curve.polynomials()
+                    ring_curves += curve.polynomials()
                 else:
-                    in_ring.append(curve)
-            loops.append([(len(curves) + i, True) for i in range(len(in_ring))])
-            curves += in_ring
-            nodes += [(node(curve.start), node(curve.end)) for curve in in_ring]
+                    ring_curves.append(curve)
+            loops.append([(len(curves) + i, True) for i in range(len(ring_curves))])
+            curves += ring_curves
+            nodes += [(node(curve.start), node(curve.end)) for curve in ring_curves]
         faces.append(Face(PART, loops))
     return Drawing(curves, nodes, [""] * len(curves), faces)
 
@@ -302,7 +303,7 @@ def add_solid(gmsh: Any, part: Sheet, scale: float, *, whole_splines: bool = Fal
 
     def prisms(pieces: Sequence[Sequence[Loop]], begin: float, end: float) -> list[tuple[int, int]]:
         """The volumes over some pieces between two heights."""
-        tags, _ = surfaces(gmsh, _whole(pieces, whole_splines=whole_splines), scale)
+        tags, _ = surfaces(gmsh, _undivided_drawing(pieces, whole_splines=whole_splines), scale)
         bases = [(2, tag) for tag in tags]
         occ.translate(bases, 0.0, 0.0, begin)
         return [entity for entity in occ.extrude(bases, 0.0, 0.0, end - begin) if entity[0] == 3]

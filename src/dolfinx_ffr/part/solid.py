@@ -142,8 +142,8 @@ class Solid(Verifiable):
     def thinnest_member(self) -> Width | None:
         """The thinnest member, by balls that do not fit; None if it is as thick as the solid.
 
-        It takes seconds, and is kept. What is thinner than two samples of the surface is not seen,
-        which are a quarter of a cell apart, or more where that would be too many.
+        It takes seconds, and is computed once. What is thinner than two samples of the surface is
+        not seen; samples are a quarter of a cell apart, or more where that would be too many.
         """
         return self._balls.thinnest()
 

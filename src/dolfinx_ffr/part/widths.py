@@ -33,6 +33,9 @@ ACCURACY = 2e-3
 _RATIO = 1.3
 #: Sides of a quarter of the discs
 _SIDES = 24
+#: Length of the ray on which the point of a width that is opposite to the nearest one is looked
+#: for, and the largest distance of such a point from the disc's center, both in radii of the disc
+_RAY, _ON_DISC = 6.0, 1.02
 #: Mean width of a finger, in units of the disc's diameter
 _FULL = 0.7
 
@@ -143,7 +146,7 @@ def _middle(region: BaseGeometry, shape: BaseGeometry) -> BaseGeometry:
 
 
 def _across(shape: BaseGeometry, middle: BaseGeometry) -> Array:
-    """Two points of the boundary on both sides of a point, nearest to it and opposite."""
+    """Two points (2, 2) of the boundary: the nearest one to a point in the middle, and opposite."""
     edges = shape.boundary
     nearest = shapely.get_coordinates(shapely.shortest_line(middle, edges))[1]
     center = shapely.get_coordinates(middle)[0]
@@ -151,13 +154,13 @@ def _across(shape: BaseGeometry, middle: BaseGeometry) -> Array:
     radius = float(np.hypot(*radial))
     if radius == 0.0:
         return np.array([nearest, nearest])
-    ray = shapely.LineString([center, center + 6.0 * radial]).intersection(edges)
+    ray = shapely.LineString([center, center + _RAY * radial]).intersection(edges)
     if ray.is_empty:
         return np.array([nearest, center + radial])
     hits = shapely.get_coordinates(ray)
     opposite = hits[np.argmin(np.linalg.norm(hits - center, axis=1))]
     # in the middle of a hole the disc may meet its boundary in three points, none opposite
-    is_on_disc = np.hypot(*(opposite - center)) < 1.02 * radius
+    is_on_disc = np.hypot(*(opposite - center)) < _ON_DISC * radius
     return np.array([nearest, opposite if is_on_disc else center + radial])
 
 

@@ -132,29 +132,32 @@ class GeometricStiffening:
         bar: VolumeIntegrals,
         nodes: Array | None = None,
     ) -> tuple[ShapesBar, Array]:
-        """The transpose of the derivative of `stiffened`; pairs are F_b, z_b and u_b, -z_b.
+        """The transpose of the derivative of `stiffened`, from the derivatives ``bar``.
 
-        Also the derivative by the densities at fixed displacements and shape functions, (cells,);
-        that by the nodes of the mesh is added to ``nodes``.
+        The adjoint fields z_b are the static displacements under the derivatives by u_b. The pairs
+        of fields are F_b and z_b in the mass, u_b and -z_b in the stiffness. Besides them stands
+        the derivative by the densities at fixed displacements and shape functions, (cells,). That
+        by the nodes of the mesh is added to ``nodes``.
         """
         elasticity, shapes = self.elasticity, basis.shapes
-        bars = self._bars(bar)
+        matrix_bars = self._bars(bar)
         elasticity.set_density(factored.matrices.density)
         displacements = self._displacements(factored, basis)
-        direct = elasticity.cell_zeros()
+        density_bar = elasticity.cell_zeros()
         shapes_bar = np.zeros_like(shapes)
+        # derivatives by the displacements u_b
         forces = np.zeros_like(displacements)
         for b, displacement in enumerate(displacements.T):
-            if not np.any(bars[b]):
+            if not np.any(matrix_bars[b]):
                 continue
-            partner = shapes @ symmetric(bars[b])
-            shapes_bar += 2.0 * elasticity.apply(self._assembled(displacement), partner)
+            kappas = shapes @ symmetric(matrix_bars[b])
+            shapes_bar += 2.0 * elasticity.apply(self._assembled(displacement), kappas)
             self._force.x.array[:] = 0.0
-            for phi, kappa in zip(shapes.T, partner.T, strict=True):
+            for phi, kappa in zip(shapes.T, kappas.T, strict=True):
                 elasticity.set(self._fields[1], phi)
                 elasticity.set(self._fields[2], kappa)
-                # all add to earlier terms: new vectors would cost more than their entries
-                fem.assemble_vector(direct, self._density_form)
+                # each adds to its vector: new vectors would cost more than their entries
+                fem.assemble_vector(density_bar, self._density_form)
                 if nodes is not None:
                     fem.assemble_vector(nodes, self._node_form)
                 fem.assemble_vector(self._force.x.array, self._load_form)
@@ -168,13 +171,15 @@ class GeometricStiffening:
         shapes_and_pairs = ShapesBar(shapes_bar, pairs=pairs)
         if nodes is not None:
             reference = self._reference(factored, adjoints[:, : inertia.shape[1]])
-            lifted, z = self._lifted(factored, basis, forces, displacements, adjoints)
-            of_forces = z[:, inertia.shape[1] :].reshape(len(z), -1, elasticity.dimension)
-            of_interfaces = zip(self._interfaces, of_forces.transpose(1, 2, 0), strict=False)
+            lifted, coefficients = self._lifted(factored, basis, forces, displacements, adjoints)
+            # those of the unit forces: first at the interfaces, then at the other markers
+            by_marker = coefficients[:, inertia.shape[1] :]
+            by_marker = by_marker.reshape(len(coefficients), -1, elasticity.dimension)
+            by_interface = zip(self._interfaces, by_marker.transpose(1, 2, 0), strict=False)
             shapes_and_pairs = replace(
-                shapes_and_pairs, reference=reference, lifted=lifted, loads=dict(of_interfaces)
+                shapes_and_pairs, reference=reference, lifted=lifted, loads=dict(by_interface)
             )
-        return shapes_and_pairs, direct[: elasticity.domain.n_cells]
+        return shapes_and_pairs, density_bar[: elasticity.domain.n_cells]
 
     def _reference(self, factored: FactoredBody, adjoints: Block) -> Array:
         """The derivative of sum_b m_x(F_b, z_b) with respect to the reference position, (dofs,)."""
@@ -197,12 +202,12 @@ class GeometricStiffening:
         displacements: Block,
         adjoints: Block,
     ) -> tuple[Block, Array]:
-        """Derivative by the constraint modes' values at the interfaces, (dofs, k).
+        """Derivative by the constraint modes' values at the interfaces, (dofs, modes).
 
-        And the coefficients of these modes in the adjoints, (k, b).
+        Beside it the coefficients of these modes in the ``adjoints``, (modes, loads).
         """
-        # there u_b and z_b are combinations of these modes: the residual of each equation counts
-        # times the coefficients of the other field
+        # at the interfaces u_b and z_b are combinations of these modes: the residual of the
+        # equation of u_b counts times the coefficients of z_b, and the other way round
         elasticity, modes, d = self.elasticity, basis.constraint, self.elasticity.dimension
         if not modes.shape[1]:
             return modes, np.zeros((0, adjoints.shape[1]))
@@ -210,20 +215,23 @@ class GeometricStiffening:
         loads[:, : inertia.shape[1]] = elasticity.apply(factored.matrices.mass, inertia)
         if self._markers:
             loads[:, -d * len(self._markers) :] = np.hstack(self._unit_forces())
-        of_u, of_z, of_modes = (
+        stiff_u, stiff_z, stiff_modes = (
             elasticity.apply(factored.matrices.stiffness, block)
             for block in (displacements, adjoints, modes)
         )
-        reduced = elasticity.inner(modes, of_modes)
-        u, z = (np.linalg.solve(reduced, elasticity.inner(modes, image)) for image in (of_u, of_z))
-        return np.asarray((forces - of_z) @ u.T + (loads - of_u) @ z.T), z
+        reduced = elasticity.inner(modes, stiff_modes)
+        u, z = (
+            np.linalg.solve(reduced, elasticity.inner(modes, stiff_field))
+            for stiff_field in (stiff_u, stiff_z)
+        )
+        return np.asarray((forces - stiff_z) @ u.T + (loads - stiff_u) @ z.T), z
 
     def _unit_forces(self) -> list[Block]:
         """Unit forces at each marker besides the interfaces, (dofs, dimension) each."""
         return [m.rows[: self.elasticity.dimension].T.toarray() for m in self._markers.values()]
 
     def _bars(self, bar: VolumeIntegrals) -> list[Array]:
-        """The derivatives by the matrices, in the order of the displacements."""
+        """The derivatives by the matrices K_b and T_Pd, (r, r) each, in the order of the u_b."""
         r, d = bar.modes, self.elasticity.dimension
         none = {load: np.zeros((*shape, r, r)) for load, shape in self._shapes.items()}
         matrices = [np.zeros((0, r, r))]

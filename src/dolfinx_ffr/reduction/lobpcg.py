@@ -52,57 +52,65 @@ def lobpcg(
 ) -> tuple[Array, Block] | None:
     """At least ``number`` lowest eigenpairs, (k,) and (dofs, k), or None without convergence.
 
-    ``products`` multiply by K and by M; ``inverse`` is positive definite and approximates that of
-    K; as many columns as ``starts`` has are iterated. The pairs are M-orthogonal to the
-    ``deflated`` fields, which are given with M times them. The residual of each in the norm of
-    ``inverse`` is at most ``tolerance`` times the norm of the field in K.
+    ``products`` multiply by K and by M; ``inverse`` is positive definite and approximates the
+    inverse of K; as many columns as ``starts`` has are iterated. The pairs are M-orthogonal to the
+    ``deflated`` fields, which are given with M times these fields. The residual of each pair in the
+    norm of ``inverse`` is at most ``tolerance`` times the norm of the field in K.
     """
-    stiff, massive = products
+    multiply_by_k, multiply_by_m = products
     inner, comm, width = elasticity.inner, elasticity.comm, starts.shape[1]
-    # S, K S, M S; W stands in the last columns
-    bases = [np.empty((len(starts), 3 * width), order="F") for _ in range(3)]
-    size = 0
+    # S = [X, P, W], K S and M S; W stands in the last columns
+    basis, stiff_basis, mass_basis = bases = [
+        np.empty((len(starts), 3 * width), order="F") for _ in range(3)
+    ]
+    size = 0  # columns of X and P
     active, values = np.arange(width), np.zeros(0)
     directions = starts
     for _ in range(LOBPCG.max_iterations):
+        # W, M-orthonormal and M-orthogonal to X and P
         directions = _apart(elasticity, directions, deflated)
-        directions = _apart(elasticity, directions, (bases[0][:, :size], bases[2][:, :size]))
-        image = massive(directions)
-        shares, vectors = comm.bcast(np.linalg.eigh(inner(directions, image)))
-        independent = shares > LOBPCG.nothing * shares[-1]
-        factors = vectors[:, independent] / np.sqrt(shares[independent])
+        directions = _apart(elasticity, directions, (basis[:, :size], mass_basis[:, :size]))
+        mass_directions = multiply_by_m(directions)
+        squares, vectors = comm.bcast(np.linalg.eigh(inner(directions, mass_directions)))
+        independent = squares > LOBPCG.nothing * squares[-1]
+        factors = vectors[:, independent] / np.sqrt(squares[independent])
         end = size + factors.shape[1]
-        bases[0][:, size:end] = directions @ factors
-        bases[2][:, size:end] = image @ factors
-        bases[1][:, size:end] = stiff(bases[0][:, size:end])
-        grams = [inner(bases[0][:, :end], b[:, :end]) for b in bases[1:]]
-        gram, metric = (symmetric(g) for g in grams)
+        basis[:, size:end] = directions @ factors
+        mass_basis[:, size:end] = mass_directions @ factors
+        stiff_basis[:, size:end] = multiply_by_k(basis[:, size:end])
+
+        # Ritz values and vectors in the span of S
+        grams = [inner(basis[:, :end], b[:, :end]) for b in (stiff_basis, mass_basis)]
+        stiff_gram, mass_gram = (symmetric(gram) for gram in grams)
         # all ranks must take the same
-        ritz_values, vectors = comm.bcast(scipy.linalg.eigh(gram, metric))
-        width = min(width, len(ritz_values))  # of starts that depend on each other
-        values, chosen = ritz_values[:width], vectors[:, :width]
+        ritz_values, ritz_vectors = comm.bcast(scipy.linalg.eigh(stiff_gram, mass_gram))
+        width = min(width, len(ritz_values))  # fewer where starts depend on each other
+        values, lowest = ritz_values[:width], ritz_vectors[:, :width]
+
         # changes of the active fields, orthogonal to all fields
-        changes = chosen[:, active[active < width]]
+        changes = lowest[:, active[active < width]]
         changes[: min(width, size)] = 0.0
         for _ in range(2):
-            changes -= chosen @ (chosen.T @ (metric @ changes))
-        shares, vectors = comm.bcast(np.linalg.eigh(changes.T @ metric @ changes))
-        independent = shares > LOBPCG.nothing * max(shares[-1], LOBPCG.nothing)
-        changes = changes @ (vectors[:, independent] / np.sqrt(shares[independent]))
-        combined = np.hstack([chosen, changes if size else changes[:, :0]])
+            changes -= lowest @ (lowest.T @ (mass_gram @ changes))
+        squares, vectors = comm.bcast(np.linalg.eigh(changes.T @ mass_gram @ changes))
+        independent = squares > LOBPCG.nothing * max(squares[-1], LOBPCG.nothing)
+        changes = changes @ (vectors[:, independent] / np.sqrt(squares[independent]))
+        combined = np.hstack([lowest, changes if size else changes[:, :0]])
         size = combined.shape[1]
-        for basis in bases:  # where they are: copies would take as much memory again
-            for begin in range(0, len(basis), LOBPCG.rows):
+        for block in bases:  # in place: copies would take as much memory again
+            for begin in range(0, len(block), LOBPCG.rows):
                 rows = slice(begin, begin + LOBPCG.rows)
-                basis[rows, :size] = basis[rows, :end] @ combined
-        residual = bases[1][:, :width] - values * bases[2][:, :width]
+                block[rows, :size] = block[rows, :end] @ combined
+
+        # preconditioned residuals of the fields that have not converged
+        residual = stiff_basis[:, :width] - values * mass_basis[:, :width]
         directions = inverse(residual)
-        squares = elasticity.sum(np.einsum("ij,ij->j", residual, directions))
-        open_ = ~(squares <= tolerance**2 * values)  # NaN too
-        if not np.any(open_[:number]):
-            n_converged = int(np.argmax(open_)) if np.any(open_) else width
-            return values[:n_converged], bases[0][:, :n_converged].copy(order="F")
-        active = np.flatnonzero(open_)
+        residual_squares = elasticity.sum(np.einsum("ij,ij->j", residual, directions))
+        is_open = ~(residual_squares <= tolerance**2 * values)  # NaN too
+        if not np.any(is_open[:number]):
+            n_converged = int(np.argmax(is_open)) if np.any(is_open) else width
+            return values[:n_converged], basis[:, :n_converged].copy(order="F")
+        active = np.flatnonzero(is_open)
         directions = directions[:, active]
     return None
 
@@ -111,6 +119,6 @@ def _apart(elasticity: Elasticity, block: Block, deflated: tuple[Block, Block] |
     """The part of fields M-orthogonal to M-orthonormal ones, given with M times them."""
     if deflated is None or deflated[0].shape[1] == 0:
         return block
-    for _ in range(2):  # what remains of the first time is round-off
+    for _ in range(2):  # the second time removes the round-off of the first
         block = block - deflated[0] @ elasticity.inner(deflated[1], block)
     return block

@@ -186,6 +186,7 @@ class MultigridSolver(LinearSolver):
         return self._cycle_from(len(self._levels) - 1, block)
 
     def _cycle_from(self, k: int, block: Block) -> Block:
+        """A V-cycle for the right-hand sides ``block`` of level k; level -1 is the coarsest."""
         if k < 0:  # the coarsest system, which is small
             return self._systems.solve(block)
         level = self._levels[k]

@@ -6,10 +6,10 @@ Phi^T K Phi = Lambda, answer with the flexibility Phi Lambda^-1 Phi^T; they miss
 
     R f = (K^-1 - Phi Lambda^-1 Phi^T) f = (1 - Phi Phi^T M) K^-1 f,
 
-the static displacement less its share along the kept modes, M-orthogonal to all of them. The loads
-of a moving body are sums of a few fields with amplitudes that vary in time: the inertia of unit
-accelerations and of unit angular velocity, M [e_x, e_y, w_0, J w_0] in the plane, the inertia of
-the constraint modes, and unit forces and couples at the points of the body. The fields R f, and
+the static displacement less its share along the retained modes, M-orthogonal to all of them. The
+loads of a moving body are sums of a few fields with amplitudes that vary in time: the inertia of
+unit accelerations and of unit angular velocity, M [e_x, e_y, w_0, J w_0] in the plane, the inertia
+of the constraint modes, and unit forces and couples at the points of the body. The fields R f, and
 R M R f under their own inertia, orthonormal by Rayleigh and Ritz, join the shape functions like
 modes of higher frequency. A simulation with them differs from one without by the error of the
 truncation: exactly for the static response, in two terms of a series for the vibrations of the

@@ -135,7 +135,7 @@ def _boundary(run: Run) -> dict[str, Any]:
 
 
 def _panels(run: Run, columns: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Curves over the iterations, as pictures with a text each."""
+    """The diagrams over the iterations: of each its text, and its picture as a data URI."""
     from ..plotting import plot_history  # takes a while
 
     iteration = columns.get("iteration", np.arange(float(len(next(iter(columns.values()))))))

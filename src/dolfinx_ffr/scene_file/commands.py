@@ -58,26 +58,28 @@ def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = F
         result = scene.optimized(maker, output=folder, resume=resume)
         if (result.moved or result).reason in ("interrupted", "terminated"):
             code = TERMINATED if result.terminated else INTERRUPTED
-            elsewhere = f" --output {output}" if output else ""
-            _say(f"interrupted; to go on: dolfinx_ffr design {file}{elsewhere} --resume")
+            output_option = f" --output {output}" if output else ""
+            _say(f"interrupted; to go on: dolfinx_ffr design {file}{output_option} --resume")
             return code
         verification = result.finish(folder)
+        parts = _flat_parts(result) if verification else {}
+        full = _full(result)
         record = run_record(
             result,
             title=scene.title,
-            parts=_flat_parts(result) if verification else {},
+            parts=parts,
             verification=verification,
             warnings=warning_entries,
-            references=(full := _full(result)),
+            references=full,
         )
         _say("drawing")
         unit = record["objective"]["unit"]
         _draw(result, folder, unit)
     write_summary(COMM, folder / "summary.json", record)
     report = write_report(COMM, folder)
+    reason = "" if result.reason == "iterations" else f" ({result.reason})"
+    count = f"{result.iterations} iterations{reason}"
     share = f", {result.psi / full['full']:.1%} of the full bodies'" if full.get("full") else ""
-    ended = "" if result.reason == "iterations" else f" ({result.reason})"
-    count = f"{result.iterations} iterations{ended}"
     _say(f"psi = {result.psi:.6g} {unit} after {count}{share}")
     _say(record["bound"]["text"])
     if verification is None:
@@ -219,7 +221,7 @@ def _draw(result: Result, folder: Path, unit: str) -> None:
 
 
 def _full(result: Result) -> dict[str, float]:
-    """Psi of the full bodies with the modes of the design, where they move."""
+    """Psi of the full bodies, with the modes of the design; empty if it cannot be simulated."""
     modes = {n: body.modes for n, body in (result.moved or result).problem.flexible.items()}
     with suppress(SimulationError):
         problem = result.problem.with_modes(modes)
