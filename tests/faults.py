@@ -43,7 +43,7 @@ dynamics/kinematics/group.py | (1.0 - 0.5 * a / b) / q | (1.0 - a / b) / q | dyn
 dynamics/kinematics/moments_plane.py | both = G + 1j * N | both = G - 1j * N | dynamics/test_adjoint.py
 dynamics/kinematics/rows.py | complex(0.0, -first if | complex(0.0, first if | dynamics/test_joints.py dynamics/test_adjoint.py
 dynamics/kinematics/rows.py | g[0] += first | g[0] -= first | dynamics/test_joints.py
-dynamics/power.py | force if ends[0] else -force | force | objective/test_objective.py
+dynamics/power.py | force if is_on_body[0] else -force | force | objective/test_objective.py
 fem/interface.py | 2.0 * (1.0 + REFERENCE.round) * extent | (1.0 + REFERENCE.round) * extent | demos/test_connecting_rod.py
 fem/material.py | (1.0 - 2.0 * self.poisson) | (1.0 - self.poisson) | fem/test_material.py
 fem/material.py | 2.0 * (2.0 ** (exponent - 1.0) | 2.0 * (2.0**exponent | fem/test_material.py design/test_level_set.py

@@ -254,12 +254,12 @@ class _Closure:
         shift = self.model.arrays.difference(y[None], undeformed)[0]
         _, jacobian = self.residual(y, shift)
         y_bar, _ = self.model.arrays.retract_pullback(shift, y_bar)
-        pulled = pulled_columns.T @ (self.column * y_bar[self.rigid])
-        m2 = self.row * (
-            pulled_rows @ np.linalg.solve((pulled_rows.T @ jacobian @ pulled_columns).T, pulled)
+        pulled_bar = pulled_columns.T @ (self.column * y_bar[self.rigid])
+        row_adjoint = self.row * (
+            pulled_rows @ np.linalg.solve((pulled_rows.T @ jacobian @ pulled_columns).T, pulled_bar)
         )
         none, zero = np.zeros(self.model.rows), np.zeros_like(y)
-        state, adjoints = (y, zero, none), (zero, m2, none)
+        state, adjoints = (y, zero, none), (zero, row_adjoint, none)
         equations_pullback(self._kinematics, state, adjoints, forces=False)
 
     def _directions(self, y: Array) -> tuple[Array, Array]:
