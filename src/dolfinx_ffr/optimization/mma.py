@@ -183,14 +183,18 @@ class MMASteps(Iterator[Iterate]):
         self.dense = any(isinstance(design, Design) for design in designs.values())
         self.sizes = {name: design.size for name, design in designs.items()}
         self.lower, self.upper = (
-            np.concatenate([np.full(d.size, getattr(d, side)) for d in designs.values()])
+            np.concatenate(
+                [np.full(design.size, getattr(design, side)) for design in designs.values()]
+            )
             for side in ("lower", "upper")
         )
 
     def designs(self, progress: float, *, nominal: bool = False) -> dict[str, Variables]:
         """The designs as sharp as at a progress, as analysed or ``nominal``."""
         designs = {name: design.at(progress) for name, design in self._designs.items()}
-        return {n: _nominal(d) for n, d in designs.items()} if nominal else designs
+        if not nominal:
+            return designs
+        return {name: _nominal(design) for name, design in designs.items()}
 
     def split(self, variables: Array) -> dict[str, Array]:
         """The variables of each design."""
@@ -402,8 +406,8 @@ class MMASteps(Iterator[Iterate]):
 
     def merit(self, variables: Array, evaluation: Evaluation, progress: float) -> float:
         """Log psi, of any sign, plus the penalties."""
-        by_design = self.split(variables)
-        penalty = sum(d.penalty(by_design[n])[0] for n, d in self.designs(progress).items())
+        by_design, designs = self.split(variables), self.designs(progress)
+        penalty = sum(design.penalty(by_design[name])[0] for name, design in designs.items())
         return penalty + self.loop.logarithm.value(evaluation.psi)
 
     def at_nominal(self, variables: Array, analysed: Evaluation, progress: float) -> Evaluation:
@@ -427,9 +431,13 @@ class MMASteps(Iterator[Iterate]):
     def bounds(self, variables: Array, evaluation: Evaluation, progress: float) -> Array:
         """G of all constraints, (m,): first of nominal volumes, then of the problem."""
         x, domains = self.x(variables, progress, nominal=True), self.loop.domains
-        filled = {n: d.sum(x[n] * d.cell_volumes) / d.area for n, d in domains.items()}
+        filled = {
+            name: domain.sum(x[name] * domain.cell_volumes) / domain.area
+            for name, domain in domains.items()
+        }
         volumes = [filled[name] / bound - 1.0 for name, bound in self.volume.items()]
-        return np.array([*volumes, *(c.violation for c in evaluation.constraints.values())])
+        violations = [constraint.violation for constraint in evaluation.constraints.values()]
+        return np.array([*volumes, *violations])
 
     def functions(self, point: _Point, evaluation: Evaluation, labels: Sequence[str]) -> _Functions:
         """All functions by an ``evaluation`` with gradients, of constraints with ``labels``.
@@ -445,17 +453,21 @@ class MMASteps(Iterator[Iterate]):
             domain = self.loop.domains[name]
             share = domain.cell_volumes / domain.area / bound
             self.split(row)[name][:] = _by_variables(name, nominal[name], by_design[name], share)
-        slope = np.concatenate([d.penalty(by_design[n])[1] for n, d in designs.items()])
+        penalty_slopes = [design.penalty(by_design[name])[1] for name, design in designs.items()]
+        slope = np.concatenate(penalty_slopes)
         peaks, peak_slopes = self.peaks(point, evaluation)
         constraints = {
-            n: c for n, c in evaluation.constraints.items() if constraint_of_place(n) != OBJECTIVE
+            label: constraint
+            for label, constraint in evaluation.constraints.items()
+            if constraint_of_place(label) != OBJECTIVE
         }
         places_of_objective = len(evaluation.constraints) - len(constraints)
         if not len(peaks):
             psi_slope = self.pulled_back(point, [evaluation.gradient])[0]
             slope = self.loop.logarithm.slope(evaluation.psi) * psi_slope + slope
 
-        gradients = self.pulled_back(point, [c.gradient for c in constraints.values()])
+        by_x = [constraint.gradient for constraint in constraints.values()]
+        gradients = self.pulled_back(point, by_x)
         slopes = np.vstack([peak_slopes, volumes, gradients])
 
         at_place = np.array([label not in labels for label in constraints], dtype=bool)
@@ -483,7 +495,9 @@ class MMASteps(Iterator[Iterate]):
         largest one, or, if one is not positive, the weighted psi relative to the largest.
         """
         places = [
-            c for n, c in evaluation.constraints.items() if constraint_of_place(n) == OBJECTIVE
+            place
+            for label, place in evaluation.constraints.items()
+            if constraint_of_place(label) == OBJECTIVE
         ]
         if places:
             ratios = np.array([1.0 + place.violation for place in places])
