@@ -155,7 +155,7 @@ class Slopes:
     psi: Array  #: Of log psi, of any sign, (offsets,)
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
     slopes: Array | csr_matrix  #: Their derivatives, (m, offsets)
-    bounds: int  #: Number of bounds
+    n_bounds: int  #: Number of bounds, which are the last of the constraints
     evaluation: Evaluation  #: With the gradients
 
 
@@ -346,35 +346,44 @@ class Descent:
         return np.array(values), slopes
 
     def step(self, trial: Trial, slopes: Slopes, reach: float, earlier: Array = NONE) -> Step:
-        """The best step, the longest offset of which is ``reach`` minimum members.
+        """The step that lowers log psi most, the longest offset of which is ``reach`` members.
 
-        The curvature is what the ``earlier`` steps tell.
+        The curvature of log psi is estimated from ``earlier`` steps, see `secants`.
         """
         boundaries = trial.boundaries
         options = self.options
         # where a stress counts, steps are as smooth in space as in the plane
-        smooth = PLANE_STEPS.smooth if self.is_stressed else options.smooth
-        metrics = [boundary.metric(smooth * boundary.member) for boundary in boundaries.values()]
+        smoothing = PLANE_STEPS.smooth if self.is_stressed else options.smooth
+        metrics = [boundary.metric(smoothing * boundary.member) for boundary in boundaries.values()]
         metric = csc_matrix(sparse_block_diag(metrics))
-        fixed = np.concatenate([boundary.fixed_offsets for boundary in boundaries.values()])
-        constraints = slopes.values, slopes.slopes
-        curved = curvature(metric, earlier, slopes.psi)
+        is_fixed = np.concatenate([boundary.fixed_offsets for boundary in boundaries.values()])
+        curvature_columns = curvature(metric, earlier, slopes.psi)
         # round-off may decide which constraints a step is bounded by
         step = on_rank_0(
             ranks_of(self.problem),
-            lambda: best_step(metric, slopes.psi, *constraints, fixed, reach, curved, options),
+            lambda: best_step(
+                metric,
+                slopes.psi,
+                slopes.values,
+                slopes.slopes,
+                is_fixed,
+                reach,
+                curvature_columns,
+                options,
+            ),
         )
         offsets, start = {}, 0
         for name, boundary in boundaries.items():
             end = start + boundary.n_offsets
             offsets[name] = boundary.member * step.offsets[start:end]
             start = end
-        multipliers = step.multipliers[len(step.multipliers) - slopes.bounds :]
-        return Step(offsets, multipliers, step.promised)
+        bound_multipliers = step.multipliers[len(step.multipliers) - slopes.n_bounds :]
+        return Step(offsets, bound_multipliers, step.promised)
 
     def secants(self, earlier: Array, before: Trial, slopes: Slopes, after: Trial) -> Array:
-        """What the last steps tell, with the one from the trial ``before`` to that ``after`` it.
+        """Moves and gradients of the last steps, (2, steps, offsets), see `curvature`.
 
+        To the ``earlier`` ones the step from the trial ``before`` to that ``after`` it is added.
         Empty where the largest stress or the worst load case counts: the place of that stress, or
         that load case, is another one after each step, and differences of gradients tell nothing.
         """
