@@ -244,7 +244,10 @@ class Boundary:
         return leads
 
     def on_all_controls(self, rows: csr_matrix, key: int) -> csr_matrix:
-        """``rows`` on the controls of the curve ``key`` as rows on those of all curves."""
+        """The matrix of ``rows`` (m, controls of the curve ``key``) for the controls of all curves.
+
+        Its shape is (m, controls), zero in the columns of the other curves.
+        """
         coo = rows.tocoo()
         columns = coo.col + self.first[key]
         return csr_matrix((coo.data, (coo.row, columns)), (rows.shape[0], self.n_controls))

@@ -517,7 +517,7 @@ class LevelSet(Design):
     # ------------------------------------------------------------------ boundary
 
     @cached_property
-    def _drawn(self) -> tuple[list[Array], csr_matrix]:
+    def _contour_grid(self) -> tuple[list[Array], csr_matrix]:
         """The lines of a grid of half elements over the body, and the matrix to f on this grid."""
         sizes = np.ptp(self.domain.bounding_box, axis=0)
         lines = _lines(self.domain, np.ceil(sizes / (0.5 * self.element)).astype(int) + 1)
@@ -545,7 +545,7 @@ class LevelSet(Design):
                 f"shape (n, {d})"
             )
         sign = np.where(self._field(u)(x) >= -OPTIONS.round_off, 1.0, -1.0)
-        grid, matrix = self._drawn
+        grid, matrix = self._contour_grid
         values = np.asarray(matrix @ u).reshape([len(line) for line in grid])
         return sign * _distance_from_contour(x, grid, values, 0.5 - OPTIONS.round_off)
 

@@ -654,9 +654,14 @@ class Domain:
 
 
 def quadrature(domain: Domain, degree: int) -> tuple[tuple[Array, Array], Array, Array]:
-    """Reference points (q, d), weights (q,) of a degree; points (cells, q, d), sizes (cells, q)."""
-    kind = getattr(basix.CellType, domain.cell)
-    points, weights = map(np.asarray, basix.make_quadrature(kind, degree))
+    """The quadrature rule of a ``degree`` in all cells of this rank.
+
+    Returns:
+        Points (q, d) and weights (q,) of the reference cell; the points in the cells, shape
+        (cells, q, d) [m]; and their weights, areas or volumes of shape (cells, q) [m^2], [m^3].
+    """
+    cell_type = getattr(basix.CellType, domain.cell)
+    points, weights = map(np.asarray, basix.make_quadrature(cell_type, degree))
     cells = np.arange(domain.n_cells, dtype=np.int32)
     positions, jacobian = (
         _compat.compiled_expression(expression(domain.mesh), points, domain.mesh)(cells)

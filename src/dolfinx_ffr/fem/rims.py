@@ -109,10 +109,10 @@ def _inside(
             if deep.contains(edge):
                 yield shapely.LineString(edge)
                 continue
-            crossing = _lines(edge.intersection(body))
+            edges_in_body = _lines(edge.intersection(body))
             for line in _lines(edge.intersection(deep)):
                 if line.length > depth:
-                    yield _to_the_outline(line, crossing, RIM.crossing * depth)
+                    yield _to_the_outline(line, edges_in_body, RIM.crossing * depth)
 
 
 def _lines(geometry: shapely.Geometry) -> list[shapely.LineString]:
@@ -121,23 +121,26 @@ def _lines(geometry: shapely.Geometry) -> list[shapely.LineString]:
 
 
 def _to_the_outline(
-    line: shapely.LineString, crossing: Sequence[shapely.LineString], largest: float
+    line: shapely.LineString, edges: Sequence[shapely.LineString], longest: float
 ) -> shapely.LineString:
-    """A line, prolonged to the ends of the crossing line that contains it.
+    """A ``line``, lengthened to the outline at each end that is near to it.
 
-    An end that is farther than the ``largest`` distance along the crossing line is not reached.
+    The ``edges`` of the zone end at the outline; the line is a part of the nearest one. An end of
+    the line is moved to the end of that edge if the piece between them is shorter than ``longest``
+    [m].
     """
     middle = line.interpolate(0.5, normalized=True)
-    crossing_line = min(crossing, key=middle.distance, default=line)
-    if crossing_line.is_closed:
+    whole_edge = min(edges, key=middle.distance, default=line)
+    if whole_edge.is_closed:
         return line
-    start, end = (crossing_line.project(shapely.Point(line.coords[k])) for k in (0, -1))
+    # arc lengths along the edge
+    start, end = (whole_edge.project(shapely.Point(line.coords[k])) for k in (0, -1))
     if start > end:
-        crossing_line = crossing_line.reverse()
-        start, end = crossing_line.length - start, crossing_line.length - end
-    begin = 0.0 if start < largest else start
-    stop = crossing_line.length if crossing_line.length - end < largest else end
-    return shapely.ops.substring(crossing_line, begin, stop)
+        whole_edge = whole_edge.reverse()
+        start, end = whole_edge.length - start, whole_edge.length - end
+    new_start = 0.0 if start < longest else start
+    new_end = whole_edge.length if whole_edge.length - end < longest else end
+    return shapely.ops.substring(whole_edge, new_start, new_end)
 
 
 class _DividedDrawing:
@@ -264,7 +267,10 @@ def _corners(x: Array) -> Array:
 
 
 def _nearest(curve: Curve, point: Array, fine: float) -> float:
-    """The parameter of the point of a curve that is nearest to a place (2,)."""
+    """The parameter of the point of a curve that is nearest to a ``point``, shape (2,) [m].
+
+    The curve is sampled with the accuracy ``fine`` [m], and the nearest samples are refined.
+    """
     t = curve.parameters(fine)
     distance = np.hypot(*(curve.at(t) - point).T)
     candidates = []

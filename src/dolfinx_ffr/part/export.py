@@ -120,9 +120,10 @@ def _with_lines(loop: Loop) -> Loop:
 
 
 def _joined(loop: Loop) -> Loop:
-    """A loop in which lines and arcs that go on are one."""
+    """The loop with successive pieces of one line, or of one arc, joined to a single curve."""
     if len(loop) < 2:
         return loop
+    # begin where a curve does not continue the one before it, if there is such a place
     first = next((i for i in range(len(loop)) if _common(loop[i - 1], loop[i]) is None), 0)
     joined = [loop[first]]
     for curve, interface in [*loop[first + 1 :], *loop[:first]]:
@@ -135,7 +136,7 @@ def _joined(loop: Loop) -> Loop:
 
 
 def _common(one: tuple[Curve, str], other: tuple[Curve, str]) -> Curve | None:
-    """The line or arc that two that follow each other make up, if they do."""
+    """The single line or arc that two successive curves of a loop are pieces of, or None."""
     (a, interface_of_a), (b, interface_of_b) = one, other
     if interface_of_a != interface_of_b:
         return None
