@@ -312,7 +312,7 @@ def test_the_least_largest_stress_is_sought_at_several_places() -> None:
     least = ffr.Problem(*parts, ffr.PeakStress("rod", clear=5e-3))
     descent = Descent(least, {}, {"rod": 3.2 * MEMBER}, {})
     slopes = descent.slopes(descent.trial_of({"rod": boundary}))
-    values, rows = slopes.values[-slopes.bounds :], slopes.slopes[-slopes.bounds :]
+    values, rows = slopes.values[-slopes.n_bounds :], slopes.slopes[-slopes.n_bounds :]
     assert len(values) > 1 and np.max(values) == pytest.approx(1.0 / 0.95 - 1.0, rel=1e-6)
     unit = rows / np.linalg.norm(rows, axis=1)[:, None]
     assert np.max(np.abs((unit @ unit.T)[~np.eye(len(unit), dtype=bool)])) < 0.99

@@ -398,13 +398,18 @@ class VolumeIntegrals(Shown):
         """
         S = self.S
         if self.P is None:
-            lever, inertia = (QUARTER_TURN @ S[0])[:, None], self.G[:1, :1]
-            turned = self.N[:1, 1:]
+            lever = (QUARTER_TURN @ S[0])[:, None]
+            inertia = self.G[:1, :1]
+            rotation_by_modes = self.N[:1, 1:]
         else:
-            lever, inertia = -cross_matrix(S[0]), theta(self.P[0, 0])
-            turned = axial(self.P[1:, 0]).T
-        parts = [[self.mass * np.eye(self.dimension), lever, S[1:].T], [lever.T, inertia, turned]]
-        return np.block([*parts, [S[1:], turned.T, self.G[1:, 1:]]])
+            lever = -cross_matrix(S[0])
+            inertia = theta(self.P[0, 0])
+            rotation_by_modes = axial(self.P[1:, 0]).T
+
+        position = [self.mass * np.eye(self.dimension), lever, S[1:].T]
+        rotation = [lever.T, inertia, rotation_by_modes]
+        elastic = [S[1:], rotation_by_modes.T, self.G[1:, 1:]]
+        return np.block([position, rotation, elastic])
 
     def validate(self, name: str) -> None:
         """Check shapes, symmetry and definiteness; messages call the body by ``name``.

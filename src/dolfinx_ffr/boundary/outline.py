@@ -244,7 +244,10 @@ class Boundary:
         return leads
 
     def on_all_controls(self, rows: csr_matrix, key: int) -> csr_matrix:
-        """``rows`` on the controls of the curve ``key`` as rows on those of all curves."""
+        """The matrix of ``rows`` (m, controls of the curve ``key``) for the controls of all curves.
+
+        Its shape is (m, controls), zero in the columns of the other curves.
+        """
         coo = rows.tocoo()
         columns = coo.col + self.first[key]
         return csr_matrix((coo.data, (coo.row, columns)), (rows.shape[0], self.n_controls))
@@ -586,8 +589,10 @@ class Boundary:
 
     def restored(self, state: Mapping[str, NDArray[Any]]) -> Boundary:
         """The boundary with that `state`, which this one had come to."""
-        keys, ends = state["curves"].tolist(), np.cumsum(state["counts"])[:-1]
+        keys = state["curves"].tolist()
+        ends = np.cumsum(state["counts"])[:-1]
         controls, orbits = (np.split(state[name], ends) for name in ("control", "orbits"))
+        # a closed curve begins and ends at no node
         nodes = [None if pair[0] < 0 else (pair[0], pair[1]) for pair in state["nodes"].tolist()]
         free = dict(zip(keys, map(FreeCurve, controls, nodes), strict=True))
 
@@ -596,6 +601,7 @@ class Boundary:
             if loop == len(loops[face]):
                 loops[face].append([])
             loops[face][loop].append(Side(bool(is_free), number, bool(forward)))
+
         faces = tuple(
             (str(group), tuple(map(tuple, face_loops)))
             for group, face_loops in zip(state["groups"], loops, strict=True)

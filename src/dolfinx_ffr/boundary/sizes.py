@@ -104,7 +104,10 @@ def _narrowest_places(
 
 
 def _width_slopes(boundary: Boundary, samples: Samples, widths: Widths, chosen: Integers) -> Array:
-    """Derivatives of -length of the chosen widths by the offsets of controls, (m, controls)."""
+    """Derivatives of minus the length of m ``chosen`` widths by offsets of controls.
+
+    Their shape is (m, controls). Constraints fall where widths grow, hence the sign.
+    """
     weights = samples.rows[widths.start[chosen]] - samples.rows[widths.end[chosen]]
     direction = -widths.displacement[chosen] / widths.length[chosen, None]
     along_normals = np.einsum("md,kd->mk", direction, boundary.normals)

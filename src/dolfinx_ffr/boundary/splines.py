@@ -40,7 +40,7 @@ class SplineGrid:
     # ------------------------------------------------------------------ values
 
     def values(self, coefficients: Array, x: Array) -> Array:
-        """The spline with coefficients of the grid's shape at points (n, 3), (n,)."""
+        """Values (n,) of the spline at points x (n, 3) [m]; coefficients have the grid's shape."""
         grid_coordinates = (x - self.low) / self.spacing
         values = map_coordinates(
             coefficients, grid_coordinates.T, order=3, prefilter=False, mode="nearest"
@@ -48,7 +48,7 @@ class SplineGrid:
         return np.asarray(values)
 
     def basis(self, x: Array) -> csr_matrix:
-        """Values of all splines at points (n, 3), (n, nodes)."""
+        """Values (n, nodes) of the B-splines of all nodes at points x (n, 3) [m]."""
         weights, _, (i, j, k) = self._along_axes(x)
         _, n_y, n_z = self.shape
         values = np.einsum("ni,nj,nk->nijk", *weights).reshape(len(x), 64)
@@ -58,7 +58,7 @@ class SplineGrid:
         return csr_matrix((values.ravel(), (rows, columns.ravel())), shape=size)
 
     def gradients(self, coefficients: Array, x: Array) -> Array:
-        """Gradients of the spline with these coefficients at points (n, 3), (n, 3)."""
+        """Gradients (n, 3) of the spline with these coefficients at points x (n, 3) [m]."""
         (u, v, w), (du, dv, dw), (i, j, k) = self._along_axes(x)
         local = coefficients[i[:, :, None, None], j[:, None, :, None], k[:, None, None]]
 
@@ -71,10 +71,11 @@ class SplineGrid:
         return np.stack(components, axis=1)
 
     def _along_axes(self, x: Array) -> tuple[list[Array], list[Array], list[Integers]]:
-        """B-splines at points (n, 3) along each axis: values, derivatives, numbers, (n, 4) each.
+        """The four B-splines at points (n, 3) along each axis.
 
-        Four cubic ones are not zero between two knots; they are polynomials of the distances t from
-        the knot before and s from the knot after, in spacings.
+        Returned are, for each axis, values and derivatives [1/m] and numbers of the nodes, shape
+        (n, 4) each. The splines are polynomials of the distances t from the knot before a point and
+        s from the knot after it, in spacings.
         """
         grid_coordinates = (x - self.low) / self.spacing
         values, derivatives, numbers = [], [], []
@@ -93,7 +94,7 @@ class SplineGrid:
         return values, derivatives, numbers
 
     def interpolated(self, values: Array) -> Array:
-        """Coefficients of the spline with ``values`` (nodes,) at the nodes, of the grid's shape."""
+        """Coefficients, of the grid's shape, of the spline through ``values`` (nodes,)."""
         return np.asarray(spline_filter(values.reshape(self.shape), mode="mirror"))
 
     def fitted(self, field: Field, iterations: int) -> Array:

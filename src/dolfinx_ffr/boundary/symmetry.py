@@ -57,12 +57,14 @@ def fitted(
 
 
 def _orbits(curves: dict[int, FreeCurve], pairs: Sequence[ControlPairs]) -> dict[int, Integers]:
-    """The number of the orbit of each control, by curve."""
+    """The number of the orbit of each control, (controls,) by curve."""
+    # controls are numbered through all curves
     counts = [len(curve.control) for curve in curves.values()]
     first_control = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    none = np.zeros(0, int)
-    controls = [none, *(first_control[pair.curve] + pair.controls for pair in pairs)]
-    images = [none, *(first_control[pair.image] + pair.image_controls for pair in pairs)]
+
+    no_controls = np.zeros(0, int)  # without pairs there is nothing else to concatenate
+    controls = [no_controls, *(first_control[pair.curve] + pair.controls for pair in pairs)]
+    images = [no_controls, *(first_control[pair.image] + pair.image_controls for pair in pairs)]
     edges = np.column_stack([np.concatenate(controls), np.concatenate(images)])
     orbit = connected(edges, int(first_control[-1])).astype(np.int64)
     return {key: orbit[first_control[key] : first_control[key + 1]] for key in curves}

@@ -102,18 +102,21 @@ class Sides:
     def surface(
         self, field: Field, slopes: Field, near: Array | None = None, reach: float = 0.0
     ) -> Samples:
-        """Samples of the zero surface of a field in the designed region.
+        """Samples of the zero surface of a field, with ``slopes``, in the designed region.
 
         All of them, or those up to a ``reach`` [m] from places ``near`` (n, 3).
         """
         x = contour(field, self.low, self.high, self.spacing)
         x = x[_is_near(x, near, reach)]
-        for _ in range(2):  # steps of Newton's method
+
+        # steps of Newton's method onto the surface, along the slope, of at most half a spacing
+        for _ in range(2):
             slope = slopes(x)
             square = np.maximum(np.sum(slope**2, axis=1), 1e-300)
             step = (field(x) / square)[:, None] * slope
             length = np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-300)
             x = x - step * np.minimum(1.0, 0.5 * self.spacing / length)
+
         x = x[np.asarray(self._designed.find_containing_cell(x)).reshape(-1) >= 0]
         return Samples(x, _unit(slopes(x)))
 

@@ -289,15 +289,22 @@ class LevelSet(Design):
         return csr_matrix(total / len(self._images))
 
     def _slopes(self, points: Array) -> tuple[csr_matrix, ...]:
-        """The matrices that take coefficients to the derivatives of f at points."""
+        """The matrices that take coefficients to the derivatives of f at points, one by direction.
+
+        Each is (points, coefficients). The weights of the coefficients are kernels g over their
+        sum at the point; so the quotient rule subtracts the weight times the sum's derivative.
+        """
         total: list[Any] = [0.0] * points.shape[1]
         for image in self._images:
             x = image(points)
             g = kernel_matrix(self.kernel, x, self._tree).tocoo()
             sums = np.bincount(g.row, weights=g.data, minlength=len(x))
+
+            # of the kernel by the point
             offset = x[g.row] - self.knots[g.col]
             s = np.linalg.norm(offset, axis=1) / self.radius
             slope = (-20.0 / self.radius**2 * (1.0 - s) ** 3)[:, None] * offset
+
             values = np.empty_like(slope)
             for k, component in enumerate(slope.T):
                 mean = np.bincount(g.row, weights=component, minlength=len(x)) / sums
@@ -510,7 +517,7 @@ class LevelSet(Design):
     # ------------------------------------------------------------------ boundary
 
     @cached_property
-    def _drawn(self) -> tuple[list[Array], csr_matrix]:
+    def _contour_grid(self) -> tuple[list[Array], csr_matrix]:
         """The lines of a grid of half elements over the body, and the matrix to f on this grid."""
         sizes = np.ptp(self.domain.bounding_box, axis=0)
         lines = _lines(self.domain, np.ceil(sizes / (0.5 * self.element)).astype(int) + 1)
@@ -538,7 +545,7 @@ class LevelSet(Design):
                 f"shape (n, {d})"
             )
         sign = np.where(self._field(u)(x) >= -OPTIONS.round_off, 1.0, -1.0)
-        grid, matrix = self._drawn
+        grid, matrix = self._contour_grid
         values = np.asarray(matrix @ u).reshape([len(line) for line in grid])
         return sign * _distance_from_contour(x, grid, values, 0.5 - OPTIONS.round_off)
 

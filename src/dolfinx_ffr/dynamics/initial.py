@@ -164,7 +164,7 @@ def _placed(model: FlatModel) -> tuple[Array, Array]:
 
 
 class _Closure:
-    """Corrections of positions and velocities over the rigid coordinates that close the joints."""
+    """Closes the joints by corrections of the rigid coordinates and of their velocities."""
 
     def __init__(self, model: FlatModel) -> None:
         arrays = model.arrays

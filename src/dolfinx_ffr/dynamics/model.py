@@ -83,9 +83,10 @@ class FlatModel(Shown):
         return self.arrays._replace(**tables)
 
     def stated_by(self, mechanism: Mechanism, *, tabulated: bool = True) -> FlatModel:
-        """Another mechanism at the same instants, and with the same angles counted.
+        """The flat model of another ``mechanism`` of the same bodies, at the same instants.
 
-        Unless it is to be tabulated, it has the tables of this one.
+        Its angles are counted from the same start as here. Its motions, drives and loads are
+        tabulated anew; if not ``tabulated``, it has the tables of this model.
         """
         model = assemble_model(
             mechanism, self.bodies, self.times, checked=True, like=self, tabulated=tabulated

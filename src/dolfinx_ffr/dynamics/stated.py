@@ -114,11 +114,14 @@ class Numbers:
         rows = [row for row, _ in tables.rows]
         if not any(row.counts_angles for row in (*rows, *springs)):
             return np.array([row.constant for row in rows] + [0.0] * len(springs))
+
         # In the plane the angles of vectors differ from those of markers
         constants = tables.tabulate(model.times[:1])["drive"][0, :, 0]
         for r in range(count):
             start = float(sample(entries[r].signal, model.times[:1], "the start")[0])
-            scale, constants[r] = abs(constants[r]) + abs(start), constants[r] - start
+            scale = abs(constants[r]) + abs(start)
+            constants[r] = constants[r] - start
+            # the difference has round-off, which must not count as a change of the constant
             if self._groups and abs(constants[r] - self._groups[0][r]) <= _ROUND_OFF * scale:
                 constants[r] = self._groups[0][r]
         return constants

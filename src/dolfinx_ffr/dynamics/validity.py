@@ -207,7 +207,7 @@ def _tilted_axes(trajectory: Trajectory) -> Warnings:
 
 
 def _flanks(trajectory: Trajectory) -> Warnings:
-    """Gears that carry the largest force by the flank that their pressure angle is not of."""
+    """Gears whose largest force acts on the other flank than the one of their pressure angle."""
     mechanism = trajectory.model.mechanism
     for name, joint in zip(mechanism.joint_names, mechanism.joints, strict=True):
         if not isinstance(joint, Gear) or joint.pressure_angle == 0.0:
@@ -300,20 +300,28 @@ def _unjudged_forces(trajectory: Trajectory) -> Warnings:
 
 
 def _loads(trajectory: Trajectory) -> Warnings:
-    """Loads and motions that change within a step."""
-    ends, order = trajectory.step_ends, trajectory.integrator.order
-    cells = load_steps(trajectory.model.tables, float(ends[-1]), SAMPLING.samples_of_a_look)
+    """Loads and motions that change within a step.
+
+    In each cell of `load_steps`, loads and motions follow a cubic polynomial of time, as a step of
+    Radau IIA does; a method of order 2 needs two steps for a cell.
+    """
+    step_ends, order = trajectory.step_ends, trajectory.integrator.order
+    cells = load_steps(trajectory.model.tables, float(step_ends[-1]), SAMPLING.samples_of_a_look)
     begins, lengths = cells.ends[:-1], np.diff(cells.ends)
-    middle = begins + 0.5 * lengths
-    steps = np.diff(ends)[np.clip(np.searchsorted(ends, middle) - 1, 0, ends.size - 2)]
-    short = np.flatnonzero(cells.fast & (lengths < steps * (0.99 if order > 2 else 1.99)))
-    if not short.size:
+    # the step in which the middle of each cell lies
+    middles = begins + 0.5 * lengths
+    number = np.clip(np.searchsorted(step_ends, middles) - 1, 0, step_ends.size - 2)
+    steps = np.diff(step_ends)[number]
+    # one or two steps, less a hundredth for cells that are as long as these
+    steps_of_cell = 0.99 if order > 2 else 1.99
+    unresolved = np.flatnonzero(cells.fast & (lengths < steps * steps_of_cell))
+    if not unresolved.size:
         return
-    k = short[int(np.argmin(lengths[short]))]
+    worst = unresolved[int(np.argmin(lengths[unresolved]))]
     yield (
         TimeStepWarning,
-        f"a load or a motion changes within {lengths[k]:.2g} s at t = {begins[k]:.6g} s, which "
-        f"time steps of {steps[k]:.2g} s do not resolve: take shorter steps, or "
+        f"a load or a motion changes within {lengths[worst]:.2g} s at t = {begins[worst]:.6g} s, "
+        f"which time steps of {steps[worst]:.2g} s do not resolve: take shorter steps, or "
         "TimeInterval(end_time, tolerance)",
     )
 
@@ -355,14 +363,17 @@ def _steps(trajectory: Trajectory) -> Warnings:
 def _squared_phase(trajectory: Trajectory) -> float:
     """(omega h)^2, with omega^2 estimated as largest acceleration over largest displacement."""
     model = trajectory.model
-    h = np.repeat(np.diff(trajectory.step_ends), trajectory.integrator.stages)
+    h = np.repeat(np.diff(trajectory.step_ends), trajectory.integrator.stages)  # of each stage
+
     displacement = model.arrays.difference(trajectory.y, trajectory.y[0])
     # Of a turning body the chord, which does not grow from turn to turn.
     displacement[:, model.rotations] = 2.0 * np.sin(0.5 * displacement[:, model.rotations])
     floor = norm_floors(model.arrays, float(trajectory.t[-1]))[0]
-    size = max(float(np.max(mass_norm(model.arrays, displacement))), floor)
-    swing = mass_norm(model.arrays, trajectory.w[1:] - trajectory.w[0])
-    return float(np.max(h**2 * swing)) / size
+    largest_displacement = max(float(np.max(mass_norm(model.arrays, displacement))), floor)
+
+    # Without that of the start, so that a constant acceleration is no vibration.
+    acceleration = mass_norm(model.arrays, trajectory.w[1:] - trajectory.w[0])
+    return float(np.max(h**2 * acceleration)) / largest_displacement
 
 
 def _squared_elastic_phase(trajectory: Trajectory) -> float:

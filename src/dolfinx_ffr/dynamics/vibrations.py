@@ -182,9 +182,10 @@ def _excited(trajectory: Trajectory) -> Iterator[tuple[float, _Modes, Array, Arr
     w, multipliers = trajectory.w[0], trajectory.multipliers[0]
     kinematics = Kinematics(model.arrays)
     kinematics.begin(y[0])
-    modes, jerk = _Modes.at(kinematics, y[0], v[0], w, multipliers), np.zeros_like(w)
+    modes = _Modes.at(kinematics, y[0], v[0], w, multipliers)
+    jerk = np.zeros_like(w)
     if modes.frequencies.size:
-        # a time within which no vibration changes much
+        # the jerk is a difference quotient, over a time within which no vibration changes much
         h = OPTIONS.soon / float(modes.frequencies[-1])
         late = Kinematics(model.arrays._replace(**model.tables.tabulate(np.full(2, h))))
         late.begin(y[0])
@@ -196,6 +197,7 @@ def _excited(trajectory: Trajectory) -> Iterator[tuple[float, _Modes, Array, Arr
 
     jumps = model.tables.jumps
     for t in jumps[jumps < trajectory.t[-1]][: OPTIONS.most_jumps].tolist():
+        # the last instant that is not after the jump, but for round-off
         k = max(int(np.searchsorted(trajectory.t, t * (1.0 + BESIDE_JUMP), "right")) - 1, 0)
         counted = model.counting_from(trajectory.turns[k : k + 1])
         sides = accelerations_at_jump(counted, t, y[k], v[k])
@@ -267,8 +269,10 @@ def _followed_modes(trajectory: Trajectory) -> Iterator[tuple[str, float, float,
         mass = elastic_mass(model.arrays, b)
         squares, shapes = scipy.linalg.eigh(body.K, mass)
         decays = 0.5 * (model.arrays.alpha[b] + model.arrays.beta[b] * squares)
-        followed = (squares > decays**2) & (squares * step**2 < OPTIONS.largest_phase**2)
-        for k in np.flatnonzero(followed & (decays * end < OPTIONS.largest_decay)):
+        vibrates = squares > decays**2
+        is_followed = squares * step**2 < OPTIONS.largest_phase**2
+        lasts = decays * end < OPTIONS.largest_decay
+        for k in np.flatnonzero(vibrates & is_followed & lasts):
             yield name, float(squares[k]), float(decays[k]), mass @ shapes[:, k]
 
 
@@ -286,11 +290,14 @@ def _oscillator(
     bends = 2.0 * np.max(np.abs(cubic[1]) * np.diff(t) ** 2)
     if bends > OPTIONS.largest_bend * np.ptp(load):
         return None
-    pushed = np.zeros(half.size, dtype=np.complex128)
+
+    # exp(-rate t) c is its start and the integral of exp(-rate t) load, interval by interval
+    impulses = np.zeros(half.size, dtype=np.complex128)
     for point in (-math.sqrt(1.0 / 3.0), math.sqrt(1.0 / 3.0)):  # Gauss points, of unit weight
         s = half * (1.0 + point)
         value = ((cubic[0] * s + cubic[1]) * s + cubic[2]) * s + cubic[3]
-        pushed += np.exp(-rate * (half * point)) * value
-    pushed *= half * np.exp(-rate * middle)
-    amplitude = start[1] - rate.conjugate() * start[0] + np.append(0.0, np.cumsum(pushed))
+        impulses += np.exp(-rate * (half * point)) * value
+    impulses *= half * np.exp(-rate * middle)
+
+    amplitude = start[1] - rate.conjugate() * start[0] + np.append(0.0, np.cumsum(impulses))
     return np.asarray((np.exp(rate * t) * amplitude).imag / rate.imag)

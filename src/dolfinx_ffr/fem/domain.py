@@ -470,21 +470,23 @@ class Domain:
 
         All of them are `cell_size` where the axes of one cell are not those of the next.
         """
-        # corners of a hexahedron are numbered by bits, one for each axis
+        # corners of a hexahedron are numbered by bits, one for each axis: (axes, 4 edges, 2 ends)
         edges_of_axis = [[(i, i | 1 << k) for i in range(8) if not i >> k & 1] for k in range(3)]
         corners = _compat.cell_geometry(self.mesh)[: self.n_cells, :8]
         number = np.asarray(self.mesh.geometry.input_global_indices, dtype=np.int64)
         cells = self.on_rank_0(number[corners])
 
-        def axes_go_on() -> bool:
+        def axes_agree() -> bool:
             """Whether each edge is along the same axis of all its cells."""
             edges = np.sort(cells[:, edges_of_axis], axis=3)  # (cells, axes, 4, 2)
             axis = np.broadcast_to(np.arange(3)[:, None, None], (*edges.shape[:3], 1))
             with_axis = np.unique(np.concatenate([edges, axis], axis=3).reshape(-1, 3), axis=0)
+            # an edge along two axes stands there twice
             return len(with_axis) == len(np.unique(with_axis[:, :2], axis=0))
 
-        if not on_rank_0(self.comm, axes_go_on):
+        if not on_rank_0(self.comm, axes_agree):
             return np.full(3, self.cell_size)
+
         ends = self.mesh.geometry.x[corners][:, edges_of_axis]
         length = np.linalg.norm(ends[..., 1, :] - ends[..., 0, :], axis=-1).mean(axis=2)
         return np.array([self.sum(lengths) for lengths in length.T]) / self.n_cells_global
@@ -652,9 +654,14 @@ class Domain:
 
 
 def quadrature(domain: Domain, degree: int) -> tuple[tuple[Array, Array], Array, Array]:
-    """Reference points (q, d), weights (q,) of a degree; points (cells, q, d), sizes (cells, q)."""
-    kind = getattr(basix.CellType, domain.cell)
-    points, weights = map(np.asarray, basix.make_quadrature(kind, degree))
+    """The quadrature rule of a ``degree`` in all cells of this rank.
+
+    Returns:
+        Points (q, d) and weights (q,) of the reference cell; the points in the cells, shape
+        (cells, q, d) [m]; and their weights, areas or volumes of shape (cells, q) [m^2], [m^3].
+    """
+    cell_type = getattr(basix.CellType, domain.cell)
+    points, weights = map(np.asarray, basix.make_quadrature(cell_type, degree))
     cells = np.arange(domain.n_cells, dtype=np.int32)
     positions, jacobian = (
         _compat.compiled_expression(expression(domain.mesh), points, domain.mesh)(cells)

@@ -81,11 +81,14 @@ def boundary_corners(domain: mesh.Mesh) -> tuple[Array, Array]:
     facets = mesh.exterior_facet_indices(domain.topology)
     x = domain.geometry.x[:, :d]
     corners = x[facet_nodes(domain, facets)]
+
+    # from the middle of each facet to that of its cell
     cell_of = domain.topology.connectivity(d - 1, d)
     cells = np.array([cell_of.links(facet)[0] for facet in facets], dtype=np.int64)
     nodes = vertex_nodes(domain)[_compat.entity_vertices(domain, d)[cells]]
-    middles = corners.mean(axis=1)
-    inward = x[nodes].reshape(len(facets), -1, d).mean(axis=1) - middles
+    cell_middles = x[nodes].reshape(len(facets), -1, d).mean(axis=1)
+    inward = cell_middles - corners.mean(axis=1)
+
     if d == 2:
         along = corners[:, 1] - corners[:, 0]
         normal = np.column_stack([along[:, 1], -along[:, 0]])
@@ -93,6 +96,7 @@ def boundary_corners(domain: mesh.Mesh) -> tuple[Array, Array]:
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     normal *= -np.sign(np.einsum("fi,fi->f", normal, inward))[:, None]
+
     gathered = domain.comm.allgather((corners, normal))
     return tuple(np.concatenate(arrays) for arrays in zip(*gathered, strict=True))
 

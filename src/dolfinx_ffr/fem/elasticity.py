@@ -602,9 +602,11 @@ def rotated(block: Block) -> Block:
 def rigid_fields(coordinates: Array, center: Array) -> Block:
     """Unit translations and rotations about ``center`` at nodes (nodes, d), 3 or 6 columns."""
     d = len(center)
+    # in the plane, too, rotations are vectors of three components
     offset = np.zeros((len(coordinates), 3))
     offset[:, :d] = coordinates - center
     axes = np.eye(3) if d == 3 else np.eye(3)[2:]
+
     block = np.zeros((len(offset), d, d + len(axes)))
     block[:, :, :d] = np.eye(d)
     for k, axis in enumerate(axes):

@@ -242,7 +242,10 @@ def _interface(
     selection: Predicate | ArrayLike,
     box: Array,
 ) -> Interface:
-    """The interface of selected facets, with the center of its surface."""
+    """The interface of selected facets, with the center of its surface.
+
+    The bounding ``box`` of the body, shape (2, dimension) [m], is for messages.
+    """
     domain: mesh.Mesh = space.mesh
     comm, dim = domain.comm, domain.topology.dim
     facets = located(domain, f"interface {name!r}", selection, dim - 1)

@@ -55,18 +55,26 @@ class MeshNodes:
     @cached_property
     def interpolation(self) -> csr_matrix:
         """From nodes of `space` to the displacements' nodes of this rank, (own nodes, nodes)."""
-        space, count = self._displacements, self._displacements.dofmap.index_map.size_local
+        space = self._displacements
+        count = space.dofmap.index_map.size_local
         points = np.asarray(_compat.interpolation_points(space))
         table = _compat.geometry_element(self.mesh).tabulate(0, points)
-        weights = np.asarray(table).reshape(len(points), -1)
-        nodes, columns = _compat.dofmap_array(space), _compat.dofmap_array(self.space)
-        cell, local = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        for i in range(nodes.shape[1]):  # all cells of a node give it the same position
-            cells_of_node = np.flatnonzero(nodes[:, i] < count)
-            cell[nodes[cells_of_node, i]], local[nodes[cells_of_node, i]] = cells_of_node, i
+        weights = np.asarray(table).reshape(len(points), -1)  # (points, nodes of `space` in a cell)
+
+        # one cell of each own node, and the node's number there: all its cells give it the same
+        # position
+        nodes = _compat.dofmap_array(space)
+        cell_of_node = np.zeros(count, dtype=np.int64)
+        number_in_cell = np.zeros(count, dtype=np.int64)
+        for i in range(nodes.shape[1]):
+            cells = np.flatnonzero(nodes[:, i] < count)
+            cell_of_node[nodes[cells, i]] = cells
+            number_in_cell[nodes[cells, i]] = i
+
+        columns = _compat.dofmap_array(self.space)[cell_of_node]
         rows = np.repeat(np.arange(count), columns.shape[1])
         shape = (count, len(self._collector.x.array) // self.dimension)
-        return csr_matrix((weights[local].ravel(), (rows, columns[cell].ravel())), shape=shape)
+        return csr_matrix((weights[number_in_cell].ravel(), (rows, columns.ravel())), shape=shape)
 
     def add_positions(self, total: Array, bar: Array) -> None:
         """Add ``bar`` (dofs of this rank,), by the positions of the displacements' nodes."""
@@ -118,14 +126,20 @@ def gathered_nodes(
 def laplace(x: Array, simplices: Integers) -> csr_matrix:
     """The matrix of Laplace's equation on straight simplices, shape (nodes, nodes).
 
-    They are triangles or tetrahedra by the numbers of their vertices among ``x``, also a surface.
+    Each of the ``simplices`` (elements, vertices) is a triangle or a tetrahedron, by the numbers of
+    its vertices among the nodes ``x`` (nodes, dimension). The triangles may be those of a surface
+    in space.
     """
-    n = simplices.shape[1]
+    vertices = simplices.shape[1]
     edges = x[simplices[:, 1:]] - x[simplices[:, :1]]
     gram = np.einsum("eid,ejd->eij", edges, edges)
-    sizes = np.sqrt(np.linalg.det(gram)) / math.factorial(n - 1)
-    # of the barycentric coordinates by those of the edges
-    slopes = np.vstack([-np.ones(n - 1), np.eye(n - 1)])
+    sizes = np.sqrt(np.linalg.det(gram)) / math.factorial(vertices - 1)
+
+    # derivatives of the barycentric coordinates by coordinates along the edges from vertex 0: the
+    # products of the gradients need the inverse of the Gram matrix only, also on a surface
+    slopes = np.vstack([-np.ones(vertices - 1), np.eye(vertices - 1)])
     local = sizes[:, None, None] * (slopes @ np.linalg.inv(gram) @ slopes.T)
-    rows, columns = np.repeat(simplices, n, axis=1).ravel(), np.tile(simplices, (1, n)).ravel()
+
+    rows = np.repeat(simplices, vertices, axis=1).ravel()
+    columns = np.tile(simplices, (1, vertices)).ravel()
     return csr_matrix((local.ravel(), (rows, columns)), shape=(len(x), len(x)))

@@ -157,7 +157,7 @@ def surfaces(gmsh: Any, drawing: Drawing, scale: float = 1.0) -> tuple[list[int]
 def _directions(drawing: Drawing) -> tuple[list[bool], dict[tuple[int, int], int]]:
     """Which curves are made backwards, and the first of each loop, which goes counterclockwise.
 
-    A loop has the number of its face and its own in the face, where 0 is the outer one.
+    The key of a loop is the number of its face, and its own in the face, where 0 is the outer one.
     """
     turned = [False] * len(drawing.curves)
     oriented: set[int] = set()  # curves that are the first of a loop already
@@ -181,6 +181,10 @@ def _directions(drawing: Drawing) -> tuple[list[bool], dict[tuple[int, int], int
 
 
 def _add(occ: Any, curve: Curve, ends: list[int], point: Callable[[Array], int]) -> int:
+    """Add a curve between points of Gmsh to its geometry ``occ``, and return its number.
+
+    ``ends`` are the numbers of both points; ``point`` adds another one, (2,), and numbers it.
+    """
     if isinstance(curve, Line):
         return int(occ.addLine(*ends))
     if isinstance(curve, Arc):
@@ -273,48 +277,55 @@ def _polygons(gmsh: Any, drawing: Drawing, divided: Sequence[_CurveCells]) -> li
 
 
 def _bend(model: Any, divided: Sequence[_CurveCells]) -> None:
-    """Curve the cells at curves to order 2, but for those that would fold, as in tips of cusps."""
+    """Raise the mesh to order 2, and move the middles of edges along curves onto these curves.
+
+    Triangles that this would fold, as in the tips of cusps, stay straight.
+    """
     model.mesh.setOrder(2)
     mesh = model.mesh
 
-    def cells(name: str, nodes: int) -> Any:
+    def nodes_of_cells(name: str, count: int) -> Any:
         _, node_tags = mesh.getElementsByType(mesh.getElementType(name, 2))
-        return np.asarray(node_tags, dtype=np.int64).reshape(-1, nodes)
+        return np.asarray(node_tags, dtype=np.int64).reshape(-1, count)
 
-    nodes, middles = cells("Triangle", 6), cells("Line", 3)[:, 2]
+    triangles = nodes_of_cells("Triangle", 6)
+    edge_middles = nodes_of_cells("Line", 3)[:, 2]
     tags, positions, _ = mesh.getNodes()
+    # the row of a node is its tag
     x = np.zeros((int(np.max(tags)) + 1, 3))
     x[np.asarray(tags, dtype=np.int64)] = np.reshape(positions, (-1, 3))
     straight = x.copy()
-    chords = np.vstack(
-        [
-            0.5 * (cells_of_curve.vertices[1:] + cells_of_curve.vertices[:-1])
-            for cells_of_curve in divided
-        ]
-    )
-    _, nearest = cKDTree(chords).query(x[middles, :2])
-    x[middles, :2] = np.vstack([cells_of_curve.middles for cells_of_curve in divided])[nearest]
+    vertices_of_curves = [cells.vertices for cells in divided]
+    on_chords = np.vstack([0.5 * (v[1:] + v[:-1]) for v in vertices_of_curves])
+    on_curves = np.vstack([cells.middles for cells in divided])
+    _, nearest = cKDTree(on_chords).query(x[edge_middles, :2])
+    x[edge_middles, :2] = on_curves[nearest]
+    # a triangle that is straightened changes its neighbours
     for _ in range(MESHING.rounds):
-        folded = _flattest(x[nodes][:, :, :2]) < MESHING.flattest
+        folded = _flattest(x[triangles][:, :, :2]) < MESHING.flattest
         if not np.any(folded):
             break
-        middle = nodes[folded, 3:].ravel()
-        x[middle] = straight[middle]
-    for node in np.unique(middles[np.any(x[middles] != straight[middles], axis=1)]).tolist():
+        middles_of_folded = triangles[folded, 3:].ravel()
+        x[middles_of_folded] = straight[middles_of_folded]
+    is_moved = np.any(x[edge_middles] != straight[edge_middles], axis=1)
+    for node in np.unique(edge_middles[is_moved]).tolist():
         mesh.setNode(node, x[node].tolist(), [])
 
 
 def _flattest(x: Array) -> Array:
     """Smallest Jacobian determinant of triangles (cells, 6, 2), relative to straight ones."""
+    # the nodes, in the order of Gmsh, and the center
     points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5], [1 / 3, 1 / 3]])
     determinants = []
     for r, s in points:
         t = 1.0 - r - s
+        # derivatives of the quadratic shape functions by r and by s
         slopes = [
             [1 - 4 * t, 4 * r - 1, 0.0, 4 * (t - r), 4 * s, -4 * s],
             [1 - 4 * t, 0.0, 4 * s - 1, -4 * r, 4 * r, 4 * (t - s)],
         ]
         determinants.append(np.linalg.det(np.array(slopes) @ x))
+
     straight_sides = x[:, 1:3] - x[:, :1]
     return np.asarray(np.min(determinants, axis=0) / np.linalg.det(straight_sides))
 

@@ -109,10 +109,10 @@ def _inside(
             if deep.contains(edge):
                 yield shapely.LineString(edge)
                 continue
-            crossing = _lines(edge.intersection(body))
+            edges_in_body = _lines(edge.intersection(body))
             for line in _lines(edge.intersection(deep)):
                 if line.length > depth:
-                    yield _to_the_outline(line, crossing, RIM.crossing * depth)
+                    yield _to_the_outline(line, edges_in_body, RIM.crossing * depth)
 
 
 def _lines(geometry: shapely.Geometry) -> list[shapely.LineString]:
@@ -121,23 +121,26 @@ def _lines(geometry: shapely.Geometry) -> list[shapely.LineString]:
 
 
 def _to_the_outline(
-    line: shapely.LineString, crossing: Sequence[shapely.LineString], largest: float
+    line: shapely.LineString, edges: Sequence[shapely.LineString], longest: float
 ) -> shapely.LineString:
-    """A line, prolonged to the ends of the crossing line that contains it.
+    """A ``line``, lengthened to the outline at each end that is near to it.
 
-    An end that is farther than the ``largest`` distance along the crossing line is not reached.
+    The ``edges`` of the zone end at the outline; the line is a part of the nearest one. An end of
+    the line is moved to the end of that edge if the piece between them is shorter than ``longest``
+    [m].
     """
     middle = line.interpolate(0.5, normalized=True)
-    crossing_line = min(crossing, key=middle.distance, default=line)
-    if crossing_line.is_closed:
+    whole_edge = min(edges, key=middle.distance, default=line)
+    if whole_edge.is_closed:
         return line
-    start, end = (crossing_line.project(shapely.Point(line.coords[k])) for k in (0, -1))
+    # arc lengths along the edge
+    start, end = (whole_edge.project(shapely.Point(line.coords[k])) for k in (0, -1))
     if start > end:
-        crossing_line = crossing_line.reverse()
-        start, end = crossing_line.length - start, crossing_line.length - end
-    begin = 0.0 if start < largest else start
-    stop = crossing_line.length if crossing_line.length - end < largest else end
-    return shapely.ops.substring(crossing_line, begin, stop)
+        whole_edge = whole_edge.reverse()
+        start, end = whole_edge.length - start, whole_edge.length - end
+    new_start = 0.0 if start < longest else start
+    new_end = whole_edge.length if whole_edge.length - end < longest else end
+    return shapely.ops.substring(whole_edge, new_start, new_end)
 
 
 class _DividedDrawing:
@@ -167,7 +170,7 @@ class _DividedDrawing:
         A closed one repeats its first point; an open one ends at the outline.
         """
         if np.array_equal(x[0], x[-1]):
-            # a closed curve with corners begins, and so is cut, at the first one
+            # a closed curve with corners begins at the first one
             corners = _corners(np.vstack([x[-2:-1], x])) - 1
             if len(corners):
                 x = np.vstack([x[corners[0] : -1], x[: corners[0] + 1]])
@@ -209,7 +212,10 @@ class _DividedDrawing:
         return node, place
 
     def _curve(self, x: Array) -> Curve:
-        """A line, an arc or a spline along points (n, 2) of a smooth curve."""
+        """A line, an arc or a spline along points (n, 2) of a smooth curve.
+
+        It is the first of these that the points fit; its ends are the first and the last point.
+        """
         chord = x[-1] - x[0]
         across = np.abs((x - x[0]) @ np.array([-chord[1], chord[0]]))
         if np.any(chord) and np.all(across <= self._fine * np.hypot(*chord)):
@@ -219,14 +225,16 @@ class _DividedDrawing:
         circle = _circle(inner)
         if circle is not None:
             arc = Arc.along(x, circle[0])
-            if np.array_equal(x[0], x[-1]):
+            is_closed = np.array_equal(x[0], x[-1])
+            if is_closed:
                 return replace(arc, sweep=float(np.copysign(2.0 * np.pi, arc.sweep)))
             return arc.moved(x[0], x[-1])
 
-        along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
-        count = max(4, int(RIM.points * along[-1] / self._width))
-        samples = np.linspace(0.0, along[-1], count)
-        points = np.column_stack([np.interp(samples, along, x[:, k]) for k in (0, 1)])
+        # a spline through points at equal distances, which are fewer than those of the curve
+        arc_length = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
+        count = max(4, int(RIM.points * arc_length[-1] / self._width))
+        samples = np.linspace(0.0, arc_length[-1], count)
+        points = np.column_stack([np.interp(samples, arc_length, x[:, k]) for k in (0, 1)])
         points[0], points[-1] = x[0], x[-1]
         return Spline.through(points)
 
@@ -272,7 +280,10 @@ def _corners(x: Array) -> Array:
 
 
 def _nearest(curve: Curve, point: Array, fine: float) -> float:
-    """The parameter of the point of a curve that is nearest to a place (2,)."""
+    """The parameter of the point of a curve that is nearest to a ``point``, shape (2,) [m].
+
+    The curve is sampled with the accuracy ``fine`` [m], and the nearest samples are refined.
+    """
     t = curve.parameters(fine)
     distance = np.hypot(*(curve.at(t) - point).T)
     candidates = []

@@ -27,7 +27,7 @@ from .material import ElasticMaterial
 
 #: Components of the stress by dimension
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
-#: Numbers of stresses at a time
+#: How many numbers the maps or the stresses of a chunk of cells may have
 _BLOCK = 16_000_000
 
 
@@ -70,7 +70,7 @@ class StressRecovery:
         return self._maps(slice(0, len(self.points)))
 
     def _maps(self, chunk: slice) -> Array:
-        """The maps of some cells of this rank."""
+        """The maps of some cells of this rank, (cells of the chunk, points * components, dofs)."""
         cells = np.arange(chunk.start, chunk.stop, dtype=np.int32)
         maps = np.empty((len(cells), *self._shape))
         for i, values in enumerate(np.eye(self._shape[1])):
@@ -89,27 +89,32 @@ class StressRecovery:
         return stresses
 
     def in_blocks(self, fields: Block) -> Iterator[tuple[slice, Array]]:
-        """Stresses of some cells of this rank at a time, as of `__call__`, and which cells.
+        """Stresses of displacements (dofs, columns), of some cells of this rank at a time.
 
-        All of them at once may take gigabytes.
+        Those of all cells at once may take gigabytes.
+
+        Yields:
+            A slice of the cells, and their stresses (cells in it, points, components, columns)
+            [Pa].
         """
         cells, (rows, unknowns) = len(self.points), self._shape
         d, columns = self.elasticity.dimension, fields.shape[1]
-        local = self.elasticity.with_ghosts(fields).reshape(-1, d, columns)
+        at_nodes = self.elasticity.with_ghosts(fields).reshape(-1, d, columns)
         del fields
-        nodes = _compat.dofmap_array(self.elasticity.domain.space)
+        nodes_of_cells = _compat.dofmap_array(self.elasticity.domain.space)
 
-        # maps of all cells are stored where they are few, or transposed, as for a gradient
-        keep_maps = "_matrices" in vars(self) or cells * rows * unknowns <= 2 * _BLOCK
-        cells_at_a_time = max(1, _BLOCK // (rows * max(columns, unknowns)))
-        for first in range(0, cells, cells_at_a_time):
-            chunk = slice(first, min(first + cells_at_a_time, cells))
-            maps = self._matrices[chunk] if keep_maps else self._maps(chunk)
-            stresses = maps @ local[nodes[chunk]].reshape(-1, unknowns, columns)
+        # maps of all cells are stored if they are few, or exist already, as for a gradient
+        stores_maps = "_matrices" in vars(self) or cells * rows * unknowns <= 2 * _BLOCK
+        cells_of_chunk = max(1, _BLOCK // (rows * max(columns, unknowns)))
+        for begin in range(0, cells, cells_of_chunk):
+            chunk = slice(begin, min(begin + cells_of_chunk, cells))
+            maps = self._matrices[chunk] if stores_maps else self._maps(chunk)
+            displacements = at_nodes[nodes_of_cells[chunk]].reshape(-1, unknowns, columns)
+            stresses = maps @ displacements
             yield chunk, stresses.reshape(len(stresses), -1, len(COMPONENTS[d]), columns)
 
     def transposed(self, bar: Array) -> Block:
-        """The transpose, from (cells, points, components, columns) to (dofs, columns)."""
+        """The transpose: from ``bar`` (cells, points, components, columns) to (dofs, columns)."""
         cells, (rows, _) = len(self.points), self._shape
         local = np.swapaxes(self._matrices, 1, 2) @ bar.reshape(cells, rows, bar.shape[3])
         return self.elasticity.from_cells(np.arange(cells), np.moveaxis(local, 2, 0))
@@ -170,11 +175,14 @@ class StressRecovery:
 
 
 def _continuation(sampled: Array, evaluated: Array, degree: int, simplex: bool) -> Array:
-    """Polynomials through values at ``sampled`` points, at ``evaluated`` ones, (wanted, given)."""
+    """The matrix from values at ``sampled`` points to those of a polynomial at ``evaluated`` ones.
+
+    Its shape is (evaluated, sampled).
+    """
     powers = list(product(range(degree + 1), repeat=sampled.shape[1]))
     if simplex:
         powers = [exponents for exponents in powers if sum(exponents) <= degree]
-    at_given, at_wanted = (
+    at_sampled, at_evaluated = (
         np.prod(points[:, None, :] ** np.array(powers), axis=2) for points in (sampled, evaluated)
     )
-    return np.asarray(at_wanted @ np.linalg.pinv(at_given))
+    return np.asarray(at_evaluated @ np.linalg.pinv(at_sampled))

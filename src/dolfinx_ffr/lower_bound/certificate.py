@@ -190,12 +190,18 @@ def _coefficients(basis: Bernstein, body: StaticBody, history: BodyHistory) -> A
 
 
 def _negative_part(basis: Bernstein | None, c: Array, sizes: Array) -> float:
-    """Integral of min(0, .) over cells, from below, of coefficients ``c`` and volumes ``sizes``."""
+    """Integral of min(0, .) over cells, from below.
+
+    The polynomials have the coefficients ``c`` (cells, polynomials), the cells the volumes
+    ``sizes`` (cells,).
+    """
     total = 0.0
-    for division in range(_DIVISIONS if basis else 0, -1, -1):
-        mixed = (c.min(axis=1) < 0.0) & (c.max(axis=1) > 0.0) & (division > 0)
+    for divisions_left in range(_DIVISIONS if basis else 0, -1, -1):
+        # a polynomial lies between its smallest and its largest coefficient: where these have one
+        # sign, or no division is left, the integral is taken, and else the cells are divided
+        mixed = (c.min(axis=1) < 0.0) & (c.max(axis=1) > 0.0) & (divisions_left > 0)
         total += float(sizes[~mixed] @ np.minimum(c[~mixed], 0.0).mean(axis=1))
-        if basis and division:
+        if basis and divisions_left:
             c = np.concatenate([c[mixed] @ to_divided.T for to_divided in basis.divided])
             sizes = np.tile(sizes[mixed] / len(basis.divided), len(basis.divided))
     return total

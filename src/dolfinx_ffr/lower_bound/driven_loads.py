@@ -153,15 +153,18 @@ def _probing(model: FlatModel, designed: Sequence[str]) -> FlatModel:
 def _probed(body: VolumeIntegrals) -> VolumeIntegrals:
     """A body all but without mass, with a shape function for each motion of each marker."""
     d = body.dimension
-    motions = 3 * d - 3
+    motions = 3 * d - 3  # of a marker: translations, then rotations
     n = motions * len(body.markers)
     mass = _MASSLESS * body.mass
     S = np.vstack([_MASSLESS * body.S[:1], np.zeros((n, d))])
+
     markers = {}
     for number, (name, point) in enumerate(body.markers.items()):
         shapes = np.eye(motions, n, motions * number)
         rotation = shapes[d] if d == 2 else shapes[d:]
         markers[name] = BodyMarker(point.position, shapes[:d], rotation, None, point.axes)
+
+    # the shape functions have unit generalised masses, and no coupling to the rigid motion
     if body.P is not None:
         P = np.zeros((n + 1, n + 1, d, d))
         P[0, 0] = _MASSLESS * body.P[0, 0]

@@ -72,9 +72,10 @@ class StaticBody:
         return StaticBody(body.with_interpolation(PLATE).with_modes(modes))
 
     def respond(self, density: Array) -> UnitResponse:
-        """Displacements and work at a ``density``, shape (cells,), of the unit loads.
+        """Displacements and work by unit loads, at a ``density`` of shape (cells,).
 
-        These are unit accelerations of the frame, and unit forces and moments at each marker.
+        The unit loads are unit accelerations of the frame, and unit forces and moments at each
+        marker.
         """
         body, d = self.body, self.body.domain.dimension
         reduced = body.reduce(density)

@@ -53,10 +53,10 @@ class RowKind(IntEnum):
 
 @dataclass(frozen=True)
 class BodyVector:
-    """A vector fixed to a marker."""
+    """A vector fixed to a marker: its position, a direction in its axes, or its spin."""
 
     marker: Marker
-    kind: VectorKind = VectorKind.POINT
+    kind: VectorKind = VectorKind.POINT  #: Which of these three it is.
     components: Triple = (0.0, 0.0, 0.0)  #: Components of a direction in the marker's axes.
 
 

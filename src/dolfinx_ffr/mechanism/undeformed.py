@@ -251,10 +251,11 @@ def relative_angle(
     counted: bool = True,
     **right_hand_side: Any,
 ) -> Row:
-    """The angle of marker a against b about an axis of b: one row, its right-hand side by keywords.
+    """The row of the angle of marker a against marker b, about an axis given in the axes of b.
 
-    If ``counted``, it is unwrapped, and zero where the axes of the markers agree but for a rotation
-    about the axis; else it is zero in the placements.
+    If ``counted``, the angle is unwrapped, and zero where the axes of the markers agree but for a
+    rotation about the axis; else the angle is zero in the placements. The ``right_hand_side`` has
+    the fields ``constant`` and ``motion`` of `Row`.
     """
     angle = undeformed.twist(a, b, undeformed.axis(axis)) if counted else 0.0
     vectors = turning(a, b, axis, undeformed, angle)

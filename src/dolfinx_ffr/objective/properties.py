@@ -362,14 +362,19 @@ class Frequency(_WithoutTrajectory):
 
 
 def _bar_in_space(bar: VolumeIntegrals, M: Array) -> VolumeIntegrals:
-    """Pull derivatives by the mass matrix of a body in space, or by G, back to its integrals."""
-    n = len(M) - bar.modes
+    """Pull derivatives by the mass matrix of a body in space, or by G, back to its integrals.
+
+    ``M`` is (6 + modes, 6 + modes), or (modes, modes) of a body that is held.
+    """
+    n_rigid = len(M) - bar.modes
     S, P = np.zeros_like(bar.S), np.zeros((*bar.G.shape, 3, 3))
-    P[1:, 1:] = np.multiply.outer(M[n:, n:], np.eye(3))
+    P[1:, 1:] = np.multiply.outer(M[n_rigid:, n_rigid:], np.eye(3))
     mass = 0.0
-    if n:
+    if n_rigid:
         mass = float(np.trace(M[:3, :3]))
-        S[0], S[1:] = 2.0 * axial(M[3:6, :3]), 2.0 * M[6:, :3]
+        # the factor is 2 as S stands in `mass_matrix` above and below the diagonal
+        S[0] = 2.0 * axial(M[3:6, :3])
+        S[1:] = 2.0 * M[6:, :3]
         P[0, 0] = theta(M[3:6, 3:6])
         for j, row in enumerate(M[6:, 3:6], start=1):
             P[j, 0] = cross_matrix(row)

@@ -155,7 +155,7 @@ class Slopes:
     psi: Array  #: Of log psi, of any sign, (offsets,)
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
     slopes: Array | csr_matrix  #: Their derivatives, (m, offsets)
-    bounds: int  #: Number of bounds
+    n_bounds: int  #: Number of bounds, which are the last of the constraints
     evaluation: Evaluation  #: With the gradients
 
 
@@ -193,7 +193,10 @@ class Descent:
     ) -> dict[str, Array]:
         """Where the problem is evaluated: full bodies, with the webs of their pockets."""
         bodies = problem.flexible
-        full = {n: drawn_of(b).density(bodies[n].domain) for n, b in boundaries.items()}
+        full = {
+            name: drawn_of(boundary).density(bodies[name].domain)
+            for name, boundary in boundaries.items()
+        }
         return full | self.others
 
     def trial_of(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
@@ -265,14 +268,19 @@ class Descent:
     def _pullback(self, trial: Trial) -> Pullback:
         """From derivatives by the nodes of all bodies to those by offsets in minimum members."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
-        motions = {n: self.geometry.motion(b, bodies[n].domain) for n, b in boundaries.items()}
+        motions = {
+            name: self.geometry.motion(boundary, bodies[name].domain)
+            for name, boundary in boundaries.items()
+        }
 
         def by_offsets(nodes: Mapping[str, Array] | None) -> Array:
             assert nodes is not None
-            slopes = [
-                b.member * motions[n].pullback(nodes[n]) if n in nodes else np.zeros(b.n_offsets)
-                for n, b in boundaries.items()
-            ]
+            slopes = []
+            for name, boundary in boundaries.items():
+                if name in nodes:
+                    slopes.append(boundary.member * motions[name].pullback(nodes[name]))
+                else:
+                    slopes.append(np.zeros(boundary.n_offsets))
             return np.concatenate(slopes)
 
         return by_offsets
@@ -283,13 +291,17 @@ class Descent:
         # no offset is longer than 1.5 times that of the step
         longest = 1.5 * self.options.longest
         positions = {
-            n: self.geometry.position_rows(b, longest * b.member) for n, b in boundaries.items()
+            name: self.geometry.position_rows(boundary, longest * boundary.member)
+            for name, boundary in boundaries.items()
         }
         values: list[Array] = []
         slopes: list[Array | csr_matrix] = []
         for rows_of_bodies in (trial.sizes, trial.radii, positions):
             values += [rows.values for rows in rows_of_bodies.values()]
-            blocks = [b.member * rows_of_bodies[n].slopes for n, b in boundaries.items()]
+            blocks = [
+                boundary.member * rows_of_bodies[name].slopes
+                for name, boundary in boundaries.items()
+            ]
             if issparse(blocks[0]):
                 slopes.append(csr_matrix(sparse_block_diag(blocks)))
             else:
@@ -346,41 +358,50 @@ class Descent:
         return np.array(values), slopes
 
     def step(self, trial: Trial, slopes: Slopes, reach: float, earlier: Array = NONE) -> Step:
-        """The best step, the longest offset of which is ``reach`` minimum members.
+        """The step that lowers log psi most, the longest offset of which is ``reach`` members.
 
-        The curvature is what the ``earlier`` steps tell.
+        The curvature of log psi is estimated from ``earlier`` steps, see `secants`.
         """
         boundaries = trial.boundaries
         options = self.options
         # where a stress counts, steps are as smooth in space as in the plane
-        smooth = PLANE_STEPS.smooth if self.is_stressed else options.smooth
-        metrics = [boundary.metric(smooth * boundary.member) for boundary in boundaries.values()]
+        smoothing = PLANE_STEPS.smooth if self.is_stressed else options.smooth
+        metrics = [boundary.metric(smoothing * boundary.member) for boundary in boundaries.values()]
         metric = csc_matrix(sparse_block_diag(metrics))
-        fixed = np.concatenate([boundary.fixed_offsets for boundary in boundaries.values()])
-        constraints = slopes.values, slopes.slopes
-        curved = curvature(metric, earlier, slopes.psi)
+        is_fixed = np.concatenate([boundary.fixed_offsets for boundary in boundaries.values()])
+        curvature_columns = curvature(metric, earlier, slopes.psi)
         # round-off may decide which constraints a step is bounded by
         step = on_rank_0(
             ranks_of(self.problem),
-            lambda: best_step(metric, slopes.psi, *constraints, fixed, reach, curved, options),
+            lambda: best_step(
+                metric,
+                slopes.psi,
+                slopes.values,
+                slopes.slopes,
+                is_fixed,
+                reach,
+                curvature_columns,
+                options,
+            ),
         )
         offsets, start = {}, 0
         for name, boundary in boundaries.items():
             end = start + boundary.n_offsets
             offsets[name] = boundary.member * step.offsets[start:end]
             start = end
-        multipliers = step.multipliers[len(step.multipliers) - slopes.bounds :]
-        return Step(offsets, multipliers, step.promised)
+        bound_multipliers = step.multipliers[len(step.multipliers) - slopes.n_bounds :]
+        return Step(offsets, bound_multipliers, step.promised)
 
     def secants(self, earlier: Array, before: Trial, slopes: Slopes, after: Trial) -> Array:
-        """What the last steps tell, with the one from the trial ``before`` to that ``after`` it.
+        """Moves and gradients of the last steps, (2, steps, offsets), see `curvature`.
 
+        To the ``earlier`` ones the step from the trial ``before`` to that ``after`` it is added.
         Empty where the largest stress or the worst load case counts: the place of that stress, or
         that load case, is another one after each step, and differences of gradients tell nothing.
         """
         displacements = [
-            self.geometry.offsets_between(b, after.boundaries[n]) / b.member
-            for n, b in before.boundaries.items()
+            self.geometry.offsets_between(boundary, after.boundaries[name]) / boundary.member
+            for name, boundary in before.boundaries.items()
         ]
         motion = np.concatenate(displacements)
         several = before.problem.combine.bounds and len(before.problem.load_cases) > 1
@@ -392,10 +413,14 @@ class Descent:
         """The trial after a step, None if no mesh fits it or it cannot be simulated."""
         try:
             with shaping():
-                moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
+                moved = {
+                    name: boundary.moved(step.offsets[name])
+                    for name, boundary in trial.boundaries.items()
+                }
                 if not self.is_stressed:  # a step along tangents misses sizes, and costs a value
                     moved = {
-                        n: self.geometry.with_minimum_sizes(b, FEASIBLE) for n, b in moved.items()
+                        name: self.geometry.with_minimum_sizes(boundary, FEASIBLE)
+                        for name, boundary in moved.items()
                     }
             return self.trial_of(moved)
         except TrialFailed:
@@ -421,7 +446,7 @@ class Descent:
     def resolved(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         """Boundaries on meshes that resolve notches or walls."""
         with shaping():
-            fine = {n: self.geometry.finer(b) for n, b in boundaries.items()}
+            fine = {name: self.geometry.finer(boundary) for name, boundary in boundaries.items()}
         # stress differs as much from mesh to mesh
         margin = 0.5 * self.options.stress_margin
         sizes = {n: size * (0.5 if self.is_stressed else 1.0) for n, size in self.sizes.items()}

@@ -121,7 +121,7 @@ class MMA(Optimizer):
             # the best feasible sharp design, or else the last one
             point = steps.point
             chosen = point.asymptotes.x if point.best is None else point.best
-            evaluation = steps.evaluation(point, steps.now.evaluation, chosen)
+            evaluation = steps.evaluation(point, steps.accepted.evaluation, chosen)
             designs = steps.designs(point.progress, nominal=True)
             variables = steps.split(chosen)
             return loop.result(designs, variables, evaluation, reason, volume, point.residual)
@@ -154,13 +154,13 @@ class _Functions:
     #: Values (m,): first the functions whose largest value is minimised, then the constraints
     values: Array
     slopes: Array  #: Gradients of these functions, (m, n)
-    bounded: int  #: Number of the functions whose largest value is minimised
+    n_peaks: int  #: Number of the functions whose largest value is minimised
     constraint: Integers  #: For each of the others, the number of its constraint in `_Point.bounds`
     comparable: Mask  #: Which of all functions, (1 + m,), are the same at the next point
 
 
 @dataclass(frozen=True, eq=False)
-class _Now:
+class _AcceptedDesign:
     """The evaluation of the accepted design, and all functions there."""
 
     evaluation: Evaluation
@@ -170,12 +170,12 @@ class _Now:
 class MMASteps(Iterator[Iterate]):
     """The iterations of one run; x are densities by body, or variables of a design without any.
 
-    After `begin` or `load` it is at a ``point``, at which ``now`` has the functions.
+    After `begin` or `load` it is at a ``point``, and ``accepted`` has its evaluation and functions.
     """
 
     reason = "stalled"
     point: _Point
-    now: _Now
+    accepted: _AcceptedDesign
 
     def __init__(self, options: MMA, loop: DesignLoop, designs: Designs, volume: Bounds) -> None:
         self.options, self.loop = options, loop
@@ -183,14 +183,18 @@ class MMASteps(Iterator[Iterate]):
         self.dense = any(isinstance(design, Design) for design in designs.values())
         self.sizes = {name: design.size for name, design in designs.items()}
         self.lower, self.upper = (
-            np.concatenate([np.full(d.size, getattr(d, side)) for d in designs.values()])
+            np.concatenate(
+                [np.full(design.size, getattr(design, side)) for design in designs.values()]
+            )
             for side in ("lower", "upper")
         )
 
     def designs(self, progress: float, *, nominal: bool = False) -> dict[str, Variables]:
         """The designs as sharp as at a progress, as analysed or ``nominal``."""
         designs = {name: design.at(progress) for name, design in self._designs.items()}
-        return {n: _nominal(d) for n, d in designs.items()} if nominal else designs
+        if not nominal:
+            return designs
+        return {name: _nominal(design) for name, design in designs.items()}
 
     def split(self, variables: Array) -> dict[str, Array]:
         """The variables of each design."""
@@ -198,7 +202,7 @@ class MMASteps(Iterator[Iterate]):
         return dict(zip(self.sizes, np.split(variables, ends), strict=True))
 
     def x(self, variables: Array, progress: float, *, nominal: bool = False) -> dict[str, Array]:
-        """The point at which the problem is evaluated."""
+        """By body, where the problem is evaluated: the designs as analysed, or ``nominal``."""
         by_design, designs = self.split(variables), self.designs(progress, nominal=nominal)
         return {name: design.point(by_design[name]) for name, design in designs.items()}
 
@@ -211,29 +215,38 @@ class MMASteps(Iterator[Iterate]):
         """The accepted design after one step."""
         if self.point.rejected >= MOST_REJECTED or self.merit_is_constant(self.point):
             raise StopIteration
-        self.point, self.now, iterate = self.stepped(self.point, self.now)
+        self.point, self.accepted, iterate = self.stepped(self.point, self.accepted)
         if iterate is None:  # converged
             raise StopIteration
         return iterate
 
     def begin(self, start: Mapping[str, Array]) -> Iterate:
-        """The first point, lowered until the volume bounds hold."""
+        """The evaluated ``start``, its densities lowered until the volume bounds hold."""
         by_design = {name: design.begin(start[name]) for name, design in self._designs.items()}
         for name, design in self.designs(0.0).items():
             if isinstance(design, Design):
                 by_design[name] = shrunk(design, by_design[name], self.volume[name])
         variables = np.concatenate(list(by_design.values()))
         x = self.x(variables, 0.0)
-        evaluation = self.loop.calibrated(self.loop.accurate(self.loop.value(x), x, 0))
-        bounds = self.bounds(variables, self.at_nominal(variables, evaluation, 0.0), 0.0)
-        state = Asymptotes(self.lower, self.upper, variables, self.options.move)
+
+        evaluation = self.loop.accurate(self.loop.value(x), x, 0)
+        evaluation = self.loop.calibrated(evaluation)
+        nominal = self.at_nominal(variables, evaluation, 0.0)
+        bounds = self.bounds(variables, nominal, 0.0)
+
+        asymptotes = Asymptotes(self.lower, self.upper, variables, self.options.move)
+        margins = np.zeros(len(bounds))
         merit = self.merit(variables, evaluation, 0.0)
-        point = self.with_best(_Point(state, np.zeros(len(bounds)), bounds, merit=merit))
-        self.point, self.now = point, self.differentiate(evaluation, point)
-        differentiated = self.now.evaluation
+        point = self.with_best(_Point(asymptotes, margins, bounds, merit=merit))
+        self.accepted = self.differentiate(evaluation, point)
+        self.point = point
+
+        differentiated = self.accepted.evaluation
         return self.iterate(point, differentiated, x, accepted=True, step=0.0, multiplier=0.0)
 
-    def stepped(self, point: _Point, now: _Now) -> tuple[_Point, _Now, Iterate | None]:
+    def stepped(
+        self, point: _Point, accepted: _AcceptedDesign
+    ) -> tuple[_Point, _AcceptedDesign, Iterate | None]:
         """The accepted design after one step, its evaluation, and its iterate.
 
         There is no iterate if the point has converged.
@@ -244,11 +257,11 @@ class MMASteps(Iterator[Iterate]):
         # also if this step makes nothing sharper, as the last one broke a constraint
         sharpens = self.changes(point.progress, 1.0)
 
-        functions = now.functions
+        functions = accepted.functions
         state = self.with_secants(point, functions, sharpens)
-        margins = np.concatenate([np.zeros(functions.bounded), point.margins[functions.constraint]])
+        margins = np.concatenate([np.zeros(functions.n_peaks), point.margins[functions.constraint]])
         proposed, multipliers = state.step(
-            functions.slope, functions.values + margins, functions.slopes, functions.bounded
+            functions.slope, functions.values + margins, functions.slopes, functions.n_peaks
         )
         # every rank has computed the same but for its last bits, which must not decide anything
         proposed = replace(proposed, x=self.loop.comm.bcast(proposed.x, root=0))
@@ -260,18 +273,18 @@ class MMASteps(Iterator[Iterate]):
             functions.slopes,
             multipliers,
             self.options.move,
-            functions.bounded,
+            functions.n_peaks,
         )
         residual = self.loop.comm.bcast(gain, root=0)
         point = replace(point, residual=residual)
         is_optimal = residual < self.options.tolerance and _largest(point.bounds) <= FEASIBLE
         if is_optimal and not sharpens and self.may_be_result(point.progress):
-            return replace(point, converged=True), now, None
+            return replace(point, converged=True), accepted, None
 
         # the largest change of a variable as a share of its range
         size = float(np.max(np.abs(proposed.x - state.x) / (self.upper - self.lower)))
         prices = np.zeros(len(point.bounds))  # the sum over all places of a constraint
-        np.add.at(prices, functions.constraint, multipliers[functions.bounded :])
+        np.add.at(prices, functions.constraint, multipliers[functions.n_peaks :])
         columns = {"step": size, "multiplier": float(prices[0]) if len(prices) else 0.0}
 
         x = self.x(proposed.x, progress)
@@ -280,7 +293,9 @@ class MMASteps(Iterator[Iterate]):
         except SimulationError:  # so soft that it cannot move
             trial = None
         if sharpens:
-            rejected, broken = self.falls_apart(point, now.evaluation, proposed.x, trial, progress)
+            rejected, broken = self.falls_apart(
+                point, accepted.evaluation, proposed.x, trial, progress
+            )
         else:
             rejected, broken = not self.better(point, proposed.x, trial, prices), False
         if trial is None or rejected:
@@ -292,11 +307,12 @@ class MMASteps(Iterator[Iterate]):
                 broke_constraint=broken,
             )
             x = self.x(state.x, point.progress)
-            return point, now, self.iterate(point, now.evaluation, x, accepted=False, **columns)
+            iterate = self.iterate(point, accepted.evaluation, x, accepted=False, **columns)
+            return point, accepted, iterate
 
         trial = self.loop.calibrated(self.loop.accurate(trial, x, iteration))
         bounds = self.bounds(proposed.x, self.at_nominal(proposed.x, trial, progress), progress)
-        accepted = replace(
+        next_point = replace(
             point,
             asymptotes=replace(proposed, move=min(RECOVER * proposed.move, self.options.move)),
             bounds=bounds,
@@ -311,11 +327,12 @@ class MMASteps(Iterator[Iterate]):
             largest = SMALL_VIOLATION if sharpens else VIOLATED
             grows = (bounds > 0.0) & (bounds < largest)
             margins = np.where(grows, point.margins + bounds, 0.9 * point.margins)
-            accepted = self.with_best(replace(accepted, margins=margins))
-        now = _Now(trial, functions)
+            next_point = self.with_best(replace(next_point, margins=margins))
+        accepted = _AcceptedDesign(trial, functions)
         if iteration < self.loop.iterations:
-            now = self.differentiate(trial, accepted)
-        return accepted, now, self.iterate(accepted, now.evaluation, x, accepted=True, **columns)
+            accepted = self.differentiate(trial, next_point)
+        iterate = self.iterate(next_point, accepted.evaluation, x, accepted=True, **columns)
+        return next_point, accepted, iterate
 
     def with_secants(self, point: _Point, functions: _Functions, sharpens: bool) -> Asymptotes:
         """The asymptotes of a point, with second derivatives if designs become no sharper."""
@@ -393,8 +410,8 @@ class MMASteps(Iterator[Iterate]):
 
     def merit(self, variables: Array, evaluation: Evaluation, progress: float) -> float:
         """Log psi, of any sign, plus the penalties."""
-        by_design = self.split(variables)
-        penalty = sum(d.penalty(by_design[n])[0] for n, d in self.designs(progress).items())
+        by_design, designs = self.split(variables), self.designs(progress)
+        penalty = sum(design.penalty(by_design[name])[0] for name, design in designs.items())
         return penalty + self.loop.logarithm.value(evaluation.psi)
 
     def at_nominal(self, variables: Array, analysed: Evaluation, progress: float) -> Evaluation:
@@ -418,9 +435,13 @@ class MMASteps(Iterator[Iterate]):
     def bounds(self, variables: Array, evaluation: Evaluation, progress: float) -> Array:
         """G of all constraints, (m,): first of nominal volumes, then of the problem."""
         x, domains = self.x(variables, progress, nominal=True), self.loop.domains
-        filled = {n: d.sum(x[n] * d.cell_volumes) / d.area for n, d in domains.items()}
+        filled = {
+            name: domain.sum(x[name] * domain.cell_volumes) / domain.area
+            for name, domain in domains.items()
+        }
         volumes = [filled[name] / bound - 1.0 for name, bound in self.volume.items()]
-        return np.array([*volumes, *(c.violation for c in evaluation.constraints.values())])
+        violations = [constraint.violation for constraint in evaluation.constraints.values()]
+        return np.array([*volumes, *violations])
 
     def functions(self, point: _Point, evaluation: Evaluation, labels: Sequence[str]) -> _Functions:
         """All functions by an ``evaluation`` with gradients, of constraints with ``labels``.
@@ -436,17 +457,21 @@ class MMASteps(Iterator[Iterate]):
             domain = self.loop.domains[name]
             share = domain.cell_volumes / domain.area / bound
             self.split(row)[name][:] = _by_variables(name, nominal[name], by_design[name], share)
-        slope = np.concatenate([d.penalty(by_design[n])[1] for n, d in designs.items()])
+        penalty_slopes = [design.penalty(by_design[name])[1] for name, design in designs.items()]
+        slope = np.concatenate(penalty_slopes)
         peaks, peak_slopes = self.peaks(point, evaluation)
         constraints = {
-            n: c for n, c in evaluation.constraints.items() if constraint_of_place(n) != OBJECTIVE
+            label: constraint
+            for label, constraint in evaluation.constraints.items()
+            if constraint_of_place(label) != OBJECTIVE
         }
         places_of_objective = len(evaluation.constraints) - len(constraints)
         if not len(peaks):
             psi_slope = self.pulled_back(point, [evaluation.gradient])[0]
             slope = self.loop.logarithm.slope(evaluation.psi) * psi_slope + slope
 
-        gradients = self.pulled_back(point, [c.gradient for c in constraints.values()])
+        by_x = [constraint.gradient for constraint in constraints.values()]
+        gradients = self.pulled_back(point, by_x)
         slopes = np.vstack([peak_slopes, volumes, gradients])
 
         at_place = np.array([label not in labels for label in constraints], dtype=bool)
@@ -474,7 +499,9 @@ class MMASteps(Iterator[Iterate]):
         largest one, or, if one is not positive, the weighted psi relative to the largest.
         """
         places = [
-            c for n, c in evaluation.constraints.items() if constraint_of_place(n) == OBJECTIVE
+            place
+            for label, place in evaluation.constraints.items()
+            if constraint_of_place(label) == OBJECTIVE
         ]
         if places:
             ratios = np.array([1.0 + place.violation for place in places])
@@ -492,21 +519,24 @@ class MMASteps(Iterator[Iterate]):
         scale = float(np.max(np.abs(weighted))) or 1.0
         return weighted / scale, slopes * (weights / scale)[:, None]
 
-    def pulled_back(self, point: _Point, rows: Sequence[Mapping[str, Array] | None]) -> Array:
-        """Derivatives by the variables, shape (rows, n), from derivatives by x."""
-        by_design, designs = self.split(point.asymptotes.x), self.designs(point.progress)
-        gradients = [np.zeros((0, len(self.lower)))]
-        for row in rows:
-            if row is None:
+    def pulled_back(self, point: _Point, by_x: Sequence[Mapping[str, Array] | None]) -> Array:
+        """Gradients by the variables, (functions, n), from derivatives of these functions by x."""
+        variables, designs = self.split(point.asymptotes.x), self.designs(point.progress)
+        gradients = [np.zeros((0, len(self.lower)))]  # the shape where there are no functions
+        for x_bars in by_x:
+            if x_bars is None:
                 raise ValueError(
                     "MMA: this gradient method gives no gradients of constraints, and of several "
                     "load cases only the gradient of all together; take ExactAdjoint"
                 )
-            bars = [_by_variables(n, d, by_design[n], row.get(n)) for n, d in designs.items()]
+            bars = [
+                _by_variables(name, design, variables[name], x_bars.get(name))
+                for name, design in designs.items()
+            ]
             gradients.append(np.concatenate(bars)[None])
         return np.concatenate(gradients)
 
-    def differentiate(self, evaluation: Evaluation, point: _Point) -> _Now:
+    def differentiate(self, evaluation: Evaluation, point: _Point) -> _AcceptedDesign:
         """The ``evaluation`` of a point with its gradient, and all functions there.
 
         Once designs are sharp, a bound on the largest stress becomes one at each of some places,
@@ -528,7 +558,7 @@ class MMASteps(Iterator[Iterate]):
         functions = self.functions(point, differentiated, labels)
         if problem is not self.loop.problem:
             differentiated = _with_largest(evaluation, differentiated)
-        return _Now(differentiated, functions)
+        return _AcceptedDesign(differentiated, functions)
 
     def merit_is_constant(self, point: _Point) -> bool:
         """Whether the merit of sharp designs has changed by less than the tolerance."""
@@ -541,10 +571,10 @@ class MMASteps(Iterator[Iterate]):
             return False
         return max(merits) - min(merits) < self.options.tolerance
 
-    def evaluation(self, point: _Point, now: Evaluation, chosen: Array) -> Evaluation:
-        """The evaluation of the result."""
+    def evaluation(self, point: _Point, accepted: Evaluation, chosen: Array) -> Evaluation:
+        """The nominal design's evaluation at the ``chosen`` variables (n,), computed if needed."""
         if chosen is point.asymptotes.x and not self.eroded(point.progress):
-            return now
+            return accepted
         return self.loop.calibrated(self.loop.value(self.x(chosen, point.progress, nominal=True)))
 
     def iterate(
@@ -598,7 +628,7 @@ class MMASteps(Iterator[Iterate]):
         point = _Point(state, np.asarray(data["margins"]), bounds, best=best, **numbers)
 
         self.loop.resumed(evaluation)
-        self.point, self.now = point, self.differentiate(evaluation, point)
+        self.point, self.accepted = point, self.differentiate(evaluation, point)
 
     def identity(self) -> dict[str, Any]:
         """The entries that a checkpoint and the run that reads it have in common."""

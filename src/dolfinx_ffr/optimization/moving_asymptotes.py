@@ -125,6 +125,7 @@ class Asymptotes:
         x, width = self.x, self.upper - self.lower
         reach = self._reach()
         low, high = x - reach, x + reach
+        # the move limits keep clear of the asymptotes
         alpha = np.maximum(self.lower, np.maximum(low + MARGIN * reach, x - self.move * width))
         beta = np.minimum(self.upper, np.minimum(high - MARGIN * reach, x + self.move * width))
         gradients = np.vstack([slope[None, :], slopes.reshape(len(values), len(x))])
@@ -134,11 +135,13 @@ class Asymptotes:
             # the second derivative is 2 (p + q) / reach^3, p + q = reach^2 (|slope| + 2 convexity)
             curvature = self.secants.curvature
             convexity = np.maximum(convexity, 0.25 * curvature * reach - 0.5 * np.abs(gradients))
+
         p = reach**2 * (np.maximum(gradients, 0.0) + convexity)
         q = reach**2 * (np.maximum(-gradients, 0.0) + convexity)
         r = values - np.sum((p[1:] + q[1:]) / reach, axis=1)
         if bounded:  # z is measured from its present value, the largest of the functions
             r[:bounded] -= np.max(values[:bounded])
+
         minimiser, multipliers = _Subproblem(low, high, alpha, beta, x, p, q, r, bounded).solve()
         state = replace(self, x=minimiser, previous=x, second_last=self.previous, reach=reach)
         return state, multipliers
@@ -291,10 +294,13 @@ class _Subproblem:
         """The negative second derivative of the dual function, shape (m, m)."""
         p, q = self._weighted(multipliers)
         above, below = self.high - x, x - self.low
-        moving = (x > self.alpha) & (x < self.beta)
         curvature = 2.0 * (p / above**3 + q / below**3)
         slopes = self.p[1:] / above**2 - self.q[1:] / below**2
-        compliance = np.where(moving, 1.0 / np.where(curvature > 0.0, curvature, 1.0), 0.0)
+
+        # how far the minimiser of the Lagrangian gives way to a slope: not at all at its bounds
+        is_between = (x > self.alpha) & (x < self.beta)
+        compliance = np.where(is_between, 1.0 / np.where(curvature > 0.0, curvature, 1.0), 0.0)
+
         hessian = (slopes * compliance) @ slopes.T + np.diag((multipliers > PRICE).astype(float))
         hessian[: self.bounded, : self.bounded] += 1.0 / WEAK
         return hessian

@@ -169,7 +169,7 @@ class _Crossings:
         offsets = [
             _offsets(boundary, self._motions[name]) for name, boundary in self._boundaries.items()
         ]
-        bounds = slopes.slopes[len(slopes.values) - slopes.bounds :]
+        bounds = slopes.slopes[len(slopes.values) - slopes.n_bounds :]
         return np.asarray(block_diag(*offsets) @ (slopes.psi + multipliers @ bounds))
 
     def slid(self, descent: Descent, trial: Trial, lengths: Array) -> Trial | None:

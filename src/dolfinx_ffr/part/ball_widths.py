@@ -214,27 +214,37 @@ def surface_balls(points: Array, triangles: Integers, size: float, *, around: bo
 def _samples(
     points: Array, triangles: Integers, sides: Array, spacing: float
 ) -> tuple[Array, Array]:
-    """Samples of a surface, and of its edges that are re-entrant from ``sides``, with normals."""
+    """Samples of a surface, and of its edges that are re-entrant from ``sides``, with normals.
+
+    Samples and normals are (samples, 3); ``sides`` (triangles, 3) are normals of any length.
+    """
     normals = sides / np.maximum(np.linalg.norm(sides, axis=1), 1e-300)[:, None]
     x, triangle = spread(points[triangles], 2.0 * spacing)
-    # both triangles at each edge, and the corner of the second that is not on it
+
+    # the edge a of one triangle and b of the other are the same; edge 3 t + k is that of triangle t
+    # from its corner k
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     order = np.lexsort(edges.T)
     pair = np.flatnonzero(np.all(np.diff(edges[order], axis=0) == 0, axis=1))
     a, b = order[pair], order[pair + 1]
     normal_a, normal_b = normals[a // 3], normals[b // 3]
-    beyond = points[triangles[b // 3, (b % 3 + 2) % 3]] - points[edges[a, 0]]
+    corner_off_edge = triangles[b // 3, (b % 3 + 2) % 3]
+    beyond = points[corner_off_edge] - points[edges[a, 0]]
     # on the side of the normals the second triangle bends away from the first
     bends_away = np.einsum("ed,ed->e", beyond, normal_a) < 0.0
     is_sharp = np.einsum("ed,ed->e", normal_a, normal_b) < np.cos(OPTIONS.edge_angle)
     is_reentrant = bends_away & is_sharp
     a, normal_a, normal_b = a[is_reentrant], normal_a[is_reentrant], normal_b[is_reentrant]
 
+    # samples a spacing apart, in the middles of the intervals into which they divide an edge
     start, end = points[edges[a]].swapaxes(0, 1)
     counts = np.ceil(np.linalg.norm(end - start, axis=1) / spacing).astype(int)
     edge = np.repeat(np.arange(len(a)), counts)
-    place = (np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5)[:, None]
-    on_edges = start[edge] + place / counts[edge][:, None] * (end - start)[edge]
+    first_of_edge = np.repeat(np.cumsum(counts) - counts, counts)
+    interval = (np.arange(len(edge)) - first_of_edge + 0.5)[:, None]
+    on_edges = start[edge] + interval / counts[edge][:, None] * (end - start)[edge]
+
+    # each sample of an edge with several normals between those of both triangles
     turned = []
     for share in (np.arange(OPTIONS.edge_samples) + 0.5) / OPTIONS.edge_samples:
         between = ((1.0 - share) * normal_a + share * normal_b)[edge]

@@ -160,77 +160,88 @@ def _zero_line(
 def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
     """For each edge of the mesh the number of its line, circle or free curve, and the circles.
 
-    A circle is its centre and radius, shape (3,) [m].
+    The number, shape (edges,), is that of the first edge of the line, circle or curve. The circles
+    are given by this number, each as its centre and radius, shape (3,) [m].
     """
-    number = np.arange(len(lattice.edges))  # by itself, if nothing else is found
+    primitive = np.arange(len(lattice.edges))  # each edge a line of its own, until others join it
     circles: dict[int, Array] = {}
 
     # chains of edges between the same two kinds of cells and of the same interface
-    features = np.flatnonzero(lattice.sides[:, 0] != lattice.sides[:, 1])
+    between_kinds = np.flatnonzero(lattice.sides[:, 0] != lattice.sides[:, 1])
     low, high = lattice.sides.min(axis=1), lattice.sides.max(axis=1)
-    marks = np.column_stack([low, high, lattice.interface])[features]
-    edge_between = {frozenset(map(int, lattice.edges[e])): int(e) for e in features}
-    middle = lattice.chains.shape[1] // 2
-    for chain, _ in _chains(lattice.edges[features], marks, directed=False):
-        edges = np.array([edge_between[frozenset(pair)] for pair in pairwise(chain)])
+    marks = np.column_stack([low, high, lattice.interface])[between_kinds]
+    edge_of_ends = {frozenset(map(int, lattice.edges[e])): int(e) for e in between_kinds}
+    halfway = lattice.chains.shape[1] // 2
+    for chain, _ in _chains(lattice.edges[between_kinds], marks, directed=False):
+        edges = np.array([edge_of_ends[frozenset(ends)] for ends in pairwise(chain)])
         x = lattice.points[chain]
 
         # an edge is straight where the point in its middle lies in the middle of its chord
-        halves = lattice.points[lattice.chains[edges, middle]]
-        bulge = np.linalg.norm(halves - 0.5 * (x[1:] + x[:-1]), axis=1)
+        middles = lattice.points[lattice.chains[edges, halfway]]
+        bulge = np.linalg.norm(middles - 0.5 * (x[1:] + x[:-1]), axis=1)
         length = np.linalg.norm(np.diff(x, axis=0), axis=1)
-        straight = bulge < CURVES.straight * length
+        is_straight = bulge < CURVES.straight * length
 
-        # the edges of a run have the number of its first one
-        for first, last, circle in _runs(x, halves, straight, lattice.curved):
-            number[edges[first:last]] = edges[first]
+        for first, end, circle in _runs(x, middles, is_straight, lattice.curved):
+            primitive[edges[first:end]] = edges[first]
             if circle is not None:
                 circles[int(edges[first])] = circle
-    return number, circles
+    return primitive, circles
 
 
 def _runs(
-    x: Array, halves: Array, straight: Mask, curved: bool
+    x: Array, middles: Array, is_straight: Mask, curved: bool
 ) -> Iterable[tuple[int, int, Array | None]]:
-    """Runs of sides of a chain that make up one line, circle (which is given) or smooth curve."""
+    """Runs of sides of a chain that make up one line, circle or smooth curve.
+
+    The chain has the vertices x (n + 1, 2) [m] and the ``middles`` (n, 2) [m] of its sides, which
+    ``is_straight`` (n,) tells from bent ones.
+
+    Yields:
+        The number of the first side, the number after that of the last one, and the circle, see
+        `_circle`; None for a line or a smooth curve.
+    """
     n = len(x) - 1
     turn = np.abs(turns(np.diff(x, axis=0)))
-    smooth = (turn < CURVES.round) & (turn >= CURVES.straight)
+    is_round = (turn < CURVES.round) & (turn >= CURVES.straight)
     first = 0
     while first < n:
-        last, circle = first + 1, None
-        while last < n and turn[last - 1] < CURVES.straight and straight[last] and straight[first]:
-            last += 1
-        if last == first + 1:
-            last, circle = _longest_circle(x, halves, smooth, first, curved)
-            if circle is None and curved and not straight[first]:
-                while last < n and turn[last - 1] < CURVES.round and not straight[last]:
-                    if _longest_circle(x, halves, smooth, last, curved)[1] is not None:
+        end, circle = first + 1, None
+        # a line
+        while end < n and turn[end - 1] < CURVES.straight and is_straight[[first, end]].all():
+            end += 1
+        if end == first + 1:
+            end, circle = _longest_circle(x, middles, is_round, first, curved)
+            # a smooth curve, up to where a circle begins
+            if circle is None and curved and not is_straight[first]:
+                while end < n and turn[end - 1] < CURVES.round and not is_straight[end]:
+                    if _longest_circle(x, middles, is_round, end, curved)[1] is not None:
                         break
-                    last += 1
-        yield first, last, circle
-        first = last
+                    end += 1
+        yield first, end, circle
+        first = end
 
 
 def _longest_circle(
-    x: Array, halves: Array, smooth: Mask, first: int, curved: bool
+    x: Array, middles: Array, is_round: Mask, first: int, curved: bool
 ) -> tuple[int, Array | None]:
     """The end of the longest run of sides from ``first`` on a circle, and the circle, if any.
 
-    Of the vertices x (n + 1, 2), the inner ones (n - 1,) are ``smooth`` where the chain turns
-    without a corner; if ``curved``, the middles of the sides, ``halves`` (n, 2), are on the curve.
+    At the inner ones of the vertices x (n + 1, 2) the mask ``is_round`` (n - 1,) tells where the
+    chain turns, but without a corner. If ``curved``, the ``middles`` (n, 2) of the sides are on the
+    curve.
     """
     fewest = CURVES.fewest_curved if curved else CURVES.fewest
     end = first + 1
-    while end < len(x) - 1 and smooth[end - 1]:
+    while end < len(x) - 1 and is_round[end - 1]:
         end += 1
     if end - first < fewest:
         return first + 1, None
     points, stride = x[first : end + 1], 1
     if curved:
-        stride, with_halves = 2, np.empty((2 * (end - first) + 1, 2))
-        with_halves[::2], with_halves[1::2] = points, halves[first:end]
-        points = with_halves
+        stride, with_middles = 2, np.empty((2 * (end - first) + 1, 2))
+        with_middles[::2], with_middles[1::2] = points, middles[first:end]
+        points = with_middles
     seed = _circle(points[: stride * fewest + 1])
     if seed is None:
         return first + 1, None
@@ -243,7 +254,7 @@ def _longest_circle(
 
 
 def _circle(x: Array) -> Array | None:
-    """Centre and radius of the circle on which points are, None if there is none."""
+    """Centre and radius, (3,) [m], of the circle on which points (n, 2) lie; None if on none."""
     circle = nearest_circle(x, CURVES.on_circle)
     return None if circle is None else np.array([*circle[0], circle[1]])
 

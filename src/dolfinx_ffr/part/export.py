@@ -120,9 +120,10 @@ def _with_lines(loop: Loop) -> Loop:
 
 
 def _joined(loop: Loop) -> Loop:
-    """A loop in which lines and arcs that go on are one."""
+    """The loop with successive pieces of one line, or of one arc, joined to a single curve."""
     if len(loop) < 2:
         return loop
+    # begin where a curve does not continue the one before it, if there is such a place
     first = next((i for i in range(len(loop)) if _common(loop[i - 1], loop[i]) is None), 0)
     joined = [loop[first]]
     for curve, interface in [*loop[first + 1 :], *loop[:first]]:
@@ -135,19 +136,22 @@ def _joined(loop: Loop) -> Loop:
 
 
 def _common(one: tuple[Curve, str], other: tuple[Curve, str]) -> Curve | None:
-    """The line or arc that two that follow each other make up, if they do."""
+    """The single line or arc that two successive curves of a loop are pieces of, or None."""
     (a, interface_of_a), (b, interface_of_b) = one, other
     if interface_of_a != interface_of_b:
         return None
     if isinstance(a, Line) and isinstance(b, Line):
         d, e = a.end - a.start, b.end - b.start
-        along = float(np.hypot(*d) * np.hypot(*e))
-        if abs(d[0] * e[1] - d[1] * e[0]) < 1e-9 * along and d @ e > 0.0:
+        lengths = float(np.hypot(*d) * np.hypot(*e))
+        is_parallel = abs(d[0] * e[1] - d[1] * e[0]) < 1e-9 * lengths
+        if is_parallel and d @ e > 0.0:
             return Line(a.start, b.end)
+
     if isinstance(a, Arc) and isinstance(b, Arc) and a.sweep * b.sweep > 0.0:
         is_concentric = np.hypot(*(a.center - b.center)) < 1e-9 * a.radius
         is_one_circle = is_concentric and abs(a.radius - b.radius) < 1e-9 * a.radius
         sweep = a.sweep + b.sweep
+        # both together may be less than a circle, as an arc has two ends
         if is_one_circle and abs(sweep) < 2 * np.pi - 1e-6:
             return Arc(a.start, b.end, a.center, sweep)
     return None

@@ -116,7 +116,7 @@ def projected(points: Array, field: Field, reach: Array) -> Array:
         value, right, left, up, down = evaluated(field, np.vstack(around)).reshape(5, -1)
         slope = np.column_stack([right - left, up - down]) / (2.0 * h)
 
-        # the steps are counted in slopes
+        # Newton's step along the slope is the value over the square of the slope, times the slope
         square = np.einsum("ij,ij->i", slope, slope)
         divisor = np.where(square > 0.0, square, 1.0)
         steps = np.where(square > 0.0, value / divisor, 0.0)

@@ -154,17 +154,23 @@ def _lattice(
 
 
 def _pattern(corners: int, n: int) -> tuple[Integers, Integers]:
-    """Lattice points of the reference cell times n, and the triangles between them."""
+    """Lattice points of the reference cell times n (points, 2), and triangles between them.
+
+    The triangles (triangles, 3) are numbers of lattice points. The reference cell is a triangle or
+    a quadrilateral, as it has 3 or 4 ``corners``.
+    """
     is_triangle = corners == 3
     rows = [range(n + 1 - j if is_triangle else n + 1) for j in range(n + 1)]
     places = [(i, j) for j, row in enumerate(rows) for i in row]
     number = {place: k for k, place in enumerate(places)}
+
     triangles = []
     for i, j in places:
         square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-        a, b, c, d = (number.get(place) for place in square)
+        a, b, c, d = (number.get(place) for place in square)  # None beyond the reference cell
         if is_triangle:
             triangles += [t for t in ([a, b, d], [b, c, d]) if None not in t]
         elif None not in (a, b, c, d):
+            # diagonals alternate like the fields of a chessboard, so that no direction is preferred
             triangles += [[a, b, c], [a, c, d]] if (i + j) % 2 else [[a, b, d], [b, c, d]]
     return np.array(places, dtype=np.int64), np.array(triangles, dtype=np.int64)

@@ -306,19 +306,24 @@ def _warnings(meeting: Array, cavities: list[Cavity], lost: list[str]) -> list[s
 
 
 def _cavities(points: Array, triangles: Integers) -> list[Cavity]:
-    """Pieces of a closed surface that are turned inwards."""
-    piece = connected(triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2), len(points))
-    of_triangle = piece[triangles[:, 0]]
+    """Pieces of a closed surface that are turned inwards, the largest first."""
+    piece_of_point = connected(triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2), len(points))
+    piece = piece_of_point[triangles[:, 0]]
+
+    # volumes are sums of those of tetrahedra from the origin to the triangles, with their signs
     a, b, c = np.moveaxis(points[triangles], 1, 0)
-    below_triangle = np.einsum("td,td->t", a, np.cross(b, c)) / 6.0
-    volume = np.bincount(of_triangle, below_triangle)
+    tetrahedron = np.einsum("td,td->t", a, np.cross(b, c)) / 6.0
+    volume = np.bincount(piece, tetrahedron)
     cavities = np.flatnonzero(volume < 0.0)
     cavities = cavities[np.argsort(volume[cavities], kind="stable")]
-    moments = [
-        np.bincount(of_triangle, below_triangle * x)[cavities] for x in ((a + b + c) / 4.0).T
-    ]
+
+    tetrahedron_center = (a + b + c) / 4.0
+    moments = [np.bincount(piece, tetrahedron * x)[cavities] for x in tetrahedron_center.T]
     centers = np.column_stack(moments) / volume[cavities, None]
-    return [Cavity(-float(v), x) for v, x in zip(volume[cavities], centers, strict=True)]
+    return [
+        Cavity(-float(signed), center)
+        for signed, center in zip(volume[cavities], centers, strict=True)
+    ]
 
 
 def _round_bores(cut: Tetrahedra, mesh: GatheredMesh) -> None:

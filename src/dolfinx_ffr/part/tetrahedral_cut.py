@@ -99,21 +99,27 @@ def outer_faces(cells: Integers) -> tuple[Integers, Integers, Integers]:
 
 def touching(triangles: Integers) -> Integers:
     """Vertices at which a closed surface touches itself: it is no 2-manifold there, (vertices,)."""
-    # each corner of a triangle with both of its edges
-    corner = triangles.ravel()
-    first = np.repeat(np.arange(len(triangles)), 3) * 3
-    zero_of = np.tile(np.arange(3), len(triangles))
-    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
-    key = sides @ np.array([2**32, 1])
+    # number 3 t + k is that of corner k of triangle t and of the edge from there to the next corner
+    vertex = triangles.ravel()
+    first_corner = np.repeat(np.arange(len(triangles)), 3) * 3
+    corner_in_triangle = np.tile(np.arange(3), len(triangles))
+    following = first_corner + (corner_in_triangle + 1) % 3
+
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    key = edges @ np.array([2**32, 1])
     order = np.argsort(key, kind="stable")
     _, start, count = np.unique(key[order], return_index=True, return_counts=True)
-    at_odd_edges = np.unique(sides[order[start[count != 2]]])
+    at_odd_edges = np.unique(edges[order[start[count != 2]]])
     a, b = order[start[count == 2]], order[start[count == 2] + 1]
-    # an edge of a corner and the next one, with those of the other triangle, which runs backwards
-    following = first + (zero_of + 1) % 3
-    rows, columns = np.concatenate([a, following[a]]), np.concatenate([following[b], b])
-    fan = connected(np.column_stack([rows, columns]), len(corner))
-    pairs = np.unique(np.column_stack([corner, fan]), axis=0)
+
+    # corners of one vertex are in one fan if edges connect their triangles; the edge of the second
+    # triangle runs backwards, so that it begins where that of the first one ends
+    corners_of_first = np.concatenate([a, following[a]])
+    corners_of_second = np.concatenate([following[b], b])
+    fan = connected(np.column_stack([corners_of_first, corners_of_second]), len(vertex))
+
+    # at a vertex of a 2-manifold there is one fan
+    pairs = np.unique(np.column_stack([vertex, fan]), axis=0)
     vertices, fans = np.unique(pairs[:, 0], return_counts=True)
     return np.union1d(at_odd_edges, vertices[fans > 1])
 
@@ -197,13 +203,17 @@ def _cut(
     all_points = np.vstack([points, zeros])
     cells, facets, regions = body.cells, body.facets, body.regions
     signs = np.sign(level)[cells]
+    # the corners of some tetrahedra are all on the surface: the middles tell their sides
     flat = np.flatnonzero(np.all(signs == 0.0, axis=1))
     if len(flat):
-        signs[flat] = np.sign(evaluated(field, all_points[cells[flat]].mean(axis=1)))[:, None]
+        middles = all_points[cells[flat]].mean(axis=1)
+        signs[flat] = np.sign(evaluated(field, middles))[:, None]
+
     above, below = np.any(signs > 0.0, axis=1), np.any(signs < 0.0, axis=1)
     is_cut = above & below & (regions != VOID)
     is_whole = np.where(regions == SOLID, ~is_cut, above & ~below & (regions == DESIGNED))
     pieces = [(cells[is_whole], facets[is_whole], regions[is_whole])]
+
     # of solid tetrahedra both sides stay: so they meet the designed ones in whole faces
     for region, side in ((DESIGNED, 1.0), (SOLID, 1.0), (SOLID, -1.0)):
         chosen = np.flatnonzero(is_cut & (regions == region))
@@ -212,9 +222,11 @@ def _cut(
         )
         pieces.append((corners, tags, np.full(len(corners), region)))
     cells, facets, regions = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
-    turned = volumes(all_points, cells) < 0.0
-    cells[turned] = cells[turned][:, [1, 0, 2, 3]]
-    facets[turned] = facets[turned][:, [1, 0, 2, 3]]
+
+    is_inverted = volumes(all_points, cells) < 0.0
+    cells[is_inverted] = cells[is_inverted][:, [1, 0, 2, 3]]
+    facets[is_inverted] = facets[is_inverted][:, [1, 0, 2, 3]]
+
     used, cells = np.unique(cells, return_inverse=True)
     return Tetrahedra(all_points[used], cells.reshape(-1, 4), facets, regions), used
 
@@ -228,6 +240,7 @@ def _one_side(
     """
     key = edges @ np.array([2**32, 1])
     tetrahedra, tags = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 4), dtype=np.int64)]
+
     # corners inside first, then those on the surface, then those outside, by their numbers each:
     # quadrilaterals are then divided alike from both sides
     order = np.lexsort((cells, -signs), axis=1)
@@ -236,17 +249,24 @@ def _one_side(
     inside, outside = np.sum(signs > 0.0, axis=1), np.sum(signs < 0.0, axis=1)
 
     def zero(chosen: Integers, i: int, j: int) -> Integers:
+        """Numbers of the points where the edges from corners i to j have their zeros."""
         pair = np.sort(cells[chosen][:, [i, j]], axis=1) @ np.array([2**32, 1])
         return first + np.searchsorted(key, pair)
 
     def add(chosen: Integers, corners: tuple[int | tuple[int, int], ...]) -> None:
+        """Add a tetrahedron in each chosen cell, of its corners and of zeros of its edges."""
         new = [cells[chosen, c] if isinstance(c, int) else zero(chosen, *c) for c in corners]
+
+        # a face lies in that of the cell if its corners and zeros are made of three of the cell's
+        # corners; it is then opposite of the fourth, and has its interface
         made_of = [{c} if isinstance(c, int) else set(c) for c in corners]
         tag = np.full((len(chosen), 4), -1, dtype=np.int64)
         for i in range(4):
-            needed = set().union(*(made_of[j] for j in range(4) if j != i))
-            if len(needed) == 3:
-                tag[:, i] = facets[chosen, ({0, 1, 2, 3} - needed).pop()]
+            corners_of_face = set().union(*(made_of[j] for j in range(4) if j != i))
+            if len(corners_of_face) == 3:
+                opposite = ({0, 1, 2, 3} - corners_of_face).pop()
+                tag[:, i] = facets[chosen, opposite]
+
         tetrahedra.append(np.column_stack(new))
         tags.append(tag)
 
@@ -257,12 +277,14 @@ def _one_side(
     for (p, n), templates in _TEMPLATES.items():
         for corners in templates:
             add(cells_with(p, n), corners)
+
+    # the rest of a wedge, which depends on the shorter diagonal of its quadrilateral on the surface
     wedge = cells_with(2, 2)
-    # of the quadrilateral on the surface the shorter diagonal
     first_diagonal = points[zero(wedge, 0, 2)] - points[zero(wedge, 1, 3)]
     second_diagonal = points[zero(wedge, 0, 3)] - points[zero(wedge, 1, 2)]
     squares = [np.einsum("ij,ij->i", d, d) for d in (first_diagonal, second_diagonal)]
     is_first_shorter = squares[0] < squares[1]
+
     add(wedge[is_first_shorter], (0, (0, 2), (0, 3), (1, 3)))
     add(wedge[is_first_shorter], (0, (0, 2), (1, 3), (1, 2)))
     add(wedge[~is_first_shorter], (0, (0, 2), (0, 3), (1, 2)))

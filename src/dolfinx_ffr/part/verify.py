@@ -231,7 +231,11 @@ class Verification:
         return lines
 
     def record(self) -> dict[str, Any]:
-        """What `summary.json` holds of it, see `run_record`: pairs are reported and of the part."""
+        """The entry ``verification`` of `summary.json`, see `run_record`.
+
+        Where it holds pairs of numbers, the first one is the reported number, and the second one
+        is that of the part on its finest mesh.
+        """
         reported, finest = self.reported, self.fitted[-1]
         keys = "difference differences violations change tolerance converged".split()
         return {
@@ -269,7 +273,7 @@ class Verification:
 
 
 def _pairs(reported: Mapping[str, float], fitted: Mapping[str, float]) -> dict[str, list[float]]:
-    """Values by name, reported and of the parts."""
+    """Pairs by name: the reported value and that of the parts."""
     return {name: [reported[name], value] for name, value in fitted.items()}
 
 

@@ -167,25 +167,34 @@ def _across(shape: BaseGeometry, middle: BaseGeometry) -> Array:
 def member_widths(rings: Sequence[Array], step: float, largest: float) -> tuple[Array, Array]:
     """Points of the boundary (n, 2) [m], and from each the way (n,) through the material [m].
 
-    The rings have it on their left. Points stand a ``step`` apart, the accuracy of the widths.
+    The rings (corners, 2) have it on their left. Points stand at most a ``step`` apart, the
+    accuracy of the widths; a width beyond the ``largest`` is this one.
     """
     points, inward = [], []
     for ring in rings:
         side = np.roll(ring, -1, axis=0) - ring
         length = np.linalg.norm(side, axis=1)
+
+        # the middles of the intervals into which each side is divided
         counts = np.maximum(1, np.ceil(length / step).astype(int))
-        number = np.repeat(np.arange(len(ring)), counts)
-        place = np.arange(len(number)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5
-        points.append(ring[number] + (place / counts[number])[:, None] * side[number])
+        side_of_point = np.repeat(np.arange(len(ring)), counts)
+        first_of_side = np.repeat(np.cumsum(counts) - counts, counts)
+        interval = np.arange(len(side_of_point)) - first_of_side + 0.5
+        share = interval / counts[side_of_point]
+        points.append(ring[side_of_point] + share[:, None] * side[side_of_point])
+
         normal = np.column_stack([-side[:, 1], side[:, 0]]) / np.maximum(length, 1e-300)[:, None]
-        inward.append(normal[number])
-    x, n = np.vstack(points), np.vstack(inward)
+        inward.append(normal[side_of_point])
+    x, normals = np.vstack(points), np.vstack(inward)
     widths = np.full(len(x), largest)
+
+    # the opposite boundary has nearly the opposite normal, and lies nearly straight ahead
     pairs = cKDTree(x).query_pairs(largest, output_type="ndarray")
-    pairs = pairs[np.einsum("ij,ij->i", n[pairs[:, 0]], n[pairs[:, 1]]) < -0.5]
+    cosines = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
+    pairs = pairs[cosines < -0.5]
     for i, j in (pairs.T, pairs.T[::-1]):
         across = x[j] - x[i]
         distance = np.linalg.norm(across, axis=1)
-        is_opposite = np.einsum("ij,ij->i", across, n[i]) > 0.7 * distance
+        is_opposite = np.einsum("ij,ij->i", across, normals[i]) > 0.7 * distance
         np.minimum.at(widths, i[is_opposite], distance[is_opposite])
     return x, widths

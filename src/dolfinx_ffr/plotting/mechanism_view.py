@@ -271,10 +271,15 @@ class MechanismView:
         side = 0.0 if abs(direction[0]) < 0.5 else float(np.sign(direction[0]))
         size = self.unit * np.array([PICTURES.letter * len(text), PICTURES.line])
         middle = position + np.array([0.5 * side * size[0], 0.0])
+        # line by line away from the points, until no other text is overlapped
         up = np.array([0.0, 1.0 if direction[1] >= 0.0 else -1.0])
-        while any(np.all(np.abs(middle - m) < 0.5 * (size + s)) for m, s in self._texts):
+        while any(
+            np.all(np.abs(middle - other_middle) < 0.5 * (size + other_size))
+            for other_middle, other_size in self._texts
+        ):
             position, middle = position + size[1] * up, middle + size[1] * up
         self._texts.append((middle, size))
+
         look: dict[str, Any] = {"va": "center", "bbox": {**LABEL, "alpha": 0.8}, "zorder": 3.0}
         look["ha"] = {0.0: "center", 1.0: "left", -1.0: "right"}[side]
         self.axes.text(*position, text, **look)

@@ -299,16 +299,19 @@ class GifWriter(AbstractMovieWriter):
         """Write the file."""
         n_glow_colors = style.PICTURES.glowing
         n_film_colors = 256 - n_glow_colors
+        # all pictures share the colours of about eight of them, so that no colour flickers
         sample = self.pictures[:: max(1, len(self.pictures) // 8)]
         stacked = Image.fromarray(np.vstack([np.asarray(picture) for picture in sample]))
-        glow = np.round(255.0 * style.GLOW(np.linspace(0.0, 1.0, n_glow_colors))[:, :3])
         palette = stacked.quantize(n_film_colors, method=Image.Quantize.MEDIANCUT)
-        colors = np.reshape(palette.getpalette(), (-1, 3))[:n_film_colors]
-        colors[colors.min(axis=1) > style.PICTURES.white] = 255
+        film = np.reshape(palette.getpalette(), (-1, 3))[:n_film_colors]
+        film[film.min(axis=1) > style.PICTURES.white] = 255
+
         # first the colours of the film, then those of the energy density
-        palette.putpalette(np.vstack([colors, glow]).astype(int).ravel().tolist())
+        glow = np.round(255.0 * style.GLOW(np.linspace(0.0, 1.0, n_glow_colors))[:, :3])
+        palette.putpalette(np.vstack([film, glow]).astype(int).ravel().tolist())
         dither = Image.Dither.NONE
         first, *rest = [p.quantize(palette=palette, dither=dither) for p in self.pictures]
+
         duration = max(20, round(1000.0 / self.fps))
         options: dict[str, Any] = {"loop": 0, "optimize": False, "duration": duration}
         first.save(self.outfile, save_all=True, append_images=rest, **options)

@@ -231,19 +231,26 @@ def _rotation(turn: Array) -> Array:
 
 
 def _similarity(a: Array, b: Array) -> Array:
-    """The turn and stretch, (d, d), from points to others about their means: two stay exactly."""
+    """The rotation times a stretch, (d, d), that takes points ``a`` to ``b``, (n, d) each.
+
+    Points are relative to their means. Two of them come to their places exactly; of more, those in
+    the plane do so in the sense of least squares, in space the line from the first to the last.
+    """
     if a.shape[1] == 2:
+        # as complex numbers: to turn and to stretch is to multiply by a factor
         before, after = a @ [1.0, 1.0j], b @ [1.0, 1.0j]
-        weight = np.vdot(before, before).real
-        factor = np.vdot(before, after) / weight if weight > 0.0 else 1.0
+        squares = np.vdot(before, before).real
+        factor = np.vdot(before, after) / squares if squares > 0.0 else 1.0
         return np.array([[factor.real, -factor.imag], [factor.imag, factor.real]])
+
     # the smallest turn of the line between the first and the last
     start, end = a[-1] - a[0], b[-1] - b[0]
     normal = np.cross(start, end)
     sine = float(np.linalg.norm(normal))
     angle = np.arctan2(sine, float(start @ end))
     turn = _rotation(normal * (angle / sine if sine > 0.0 else 0.0))
-    return np.asarray(np.linalg.norm(end) / (np.linalg.norm(start) or 1.0) * turn)
+    stretch = np.linalg.norm(end) / (np.linalg.norm(start) or 1.0)
+    return np.asarray(stretch * turn)
 
 
 def _arm(marker: Moving, trajectory: Trajectory) -> Arm | None:

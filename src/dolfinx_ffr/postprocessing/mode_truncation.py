@@ -150,12 +150,18 @@ def select_modes(
 ) -> ModeSelection:
     """The least numbers of normal modes that an accuracy of psi needs.
 
-    Shape functions are computed once, as many as the ``problem`` has (16, say; a ValueError if even
-    they are too few), at densities ``x``, by default of full bodies. Simulations with fewer of them
-    are compared with one that has them all, and residual modes for those that not even the problem
-    has. The ``tolerance`` is the relative error of psi that is allowed for each body. A number that
-    would cut through a cluster of frequencies is passed over. Choose once, and keep the numbers
-    while designing: `Problem.with_modes`.
+    Shape functions are computed once. Simulations with fewer normal modes are compared with one
+    that has all of the ``problem``, and residual modes for those beyond them. A number that would
+    cut through a cluster of frequencies is passed over. Choose once, and keep the numbers while
+    designing: `Problem.with_modes`.
+
+    Args:
+        problem: The problem with more modes than needed, for example 16 for each body.
+        x: Densities, shape (cells,), by name if there are several bodies; full bodies by default.
+        tolerance: Relative error of psi that is allowed for each body.
+
+    Raises:
+        ValueError: If even the modes of the problem are too few.
     """
     validation.instance("select_modes: problem", problem, Problem, "a Problem")
     validation.number("select_modes: tolerance", tolerance, above=0.0)

@@ -297,15 +297,20 @@ def _scaled(
 def _worst(values: Array, root: Array, z: Array) -> tuple[Array, Integers, Integers]:
     """The largest von Mises stress of some cells over time, its steps and points, (cells,) each.
 
-    ``values`` have the shape (cells, points, components, n), the coordinates ``z`` (steps, n).
+    ``values`` have the shape (cells, points, components, n), the coordinates ``z`` (steps, n); the
+    norm of the ``root`` (components, components) times a stress is its von Mises stress.
     Between two steps the stress is at most the larger of both and what the coordinates, where
     they are off the line between them, can add: few steps in between have to be looked at.
     """
     cells, points, components, n = values.shape
-    stress, (step, place) = np.zeros(cells), np.zeros((2, cells), dtype=np.int64)
+    stress = np.zeros(cells)
+    step, place = np.zeros((2, cells), dtype=np.int64)
+
+    # of each coordinate in each interval between two ends, the largest deviation from the line
     ends = np.unique([*range(0, len(z), _STRIDE), len(z) - 1])
-    lines = [np.interp(np.arange(len(z)), ends, line) for line in z[ends].T]
+    lines = [np.interp(np.arange(len(z)), ends, at_ends) for at_ends in z[ends].T]
     deviations = np.maximum.reduceat(np.abs(z.T - lines), ends, axis=1)
+
     several = max(1, _BLOCK // (components * points * max(n, len(ends))))
     for begin in range(0, cells, several):
         block = slice(begin, min(begin + several, cells))
@@ -313,6 +318,7 @@ def _worst(values: Array, root: Array, z: Array) -> tuple[Array, Integers, Integ
         modes = np.tensordot(root, values[block], axes=(1, 2)).reshape(len(root), -1, n)
         norms = np.linalg.norm(modes @ z[ends].T, axis=0)
         peak, when = norms.max(axis=1), ends[norms.argmax(axis=1)]
+        # only points whose bound exceeds the largest stress of their cell at the ends are looked at
         lower_bound = np.repeat(peak.reshape(-1, points).max(axis=1), points)
         bound = np.linalg.norm(modes, axis=0) @ deviations
         bound[:, :-1] += np.maximum(norms[:, :-1], norms[:, 1:])
@@ -323,6 +329,7 @@ def _worst(values: Array, root: Array, z: Array) -> tuple[Array, Integers, Integ
             higher = inner.max(axis=1) > peak[candidates]
             when[candidates[higher]] = between[inner.argmax(axis=1)[higher]]
             peak[candidates] = np.maximum(peak[candidates], inner.max(axis=1))
+
         points_of_peak = np.arange(0, len(peak), points) + peak.reshape(-1, points).argmax(axis=1)
         stress[block], step[block], place[block] = (
             peak[points_of_peak],

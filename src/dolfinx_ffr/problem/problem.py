@@ -726,7 +726,7 @@ class Problem:
         }
         with on_every_rank(self.comm, WORK):
             return self._combined(
-                {n: value_of(m.objective, responses[n]) for n, m in cases.items()}
+                {n: value_of(case.objective, responses[n]) for n, case in cases.items()}
             )
 
     def integrals(self, evaluation: Evaluation) -> dict[str, VolumeIntegrals]:
@@ -761,29 +761,33 @@ class Problem:
     def _evaluated(
         self, responses: Mapping[str, Response]
     ) -> tuple[float, dict[str, LoadCaseEvaluation]]:
-        """Psi, and objective and constraints of each load case, as rank 0 computes them."""
+        """Psi, and the evaluation of each load case, with values of rank 0 on every rank."""
         with on_every_rank(self.comm, WORK):
             evaluations = {
-                name: m.evaluated(responses[name]) for name, m in self.load_cases.items()
+                name: case.evaluated(responses[name]) for name, case in self.load_cases.items()
             }
         compared: dict[str, Any] = {}
         for name, case in self.load_cases.items():
             compared[self._of("integrator", name)] = case.integrator
             compared[self._of("the objective", name)] = float(evaluations[name].psi)
-            for label, bound in evaluations[name].constraints.items():
-                compared[self._of(f"the constraint {label!r}", name)] = bound.value
+            for label, constraint in evaluations[name].constraints.items():
+                compared[self._of(f"the constraint {label!r}", name)] = constraint.value
         check_alike(self.comm, "problem", compared, DIFFERS)
         # the last bits of a rank must not decide anything
-        values = self.comm.bcast(
-            {n: (evaluation.psi, evaluation.constraints) for n, evaluation in evaluations.items()}
+        psi_of_cases = self.comm.bcast({name: case.psi for name, case in evaluations.items()})
+        constraints = self.comm.bcast(
+            {name: case.constraints for name, case in evaluations.items()}
         )
         with on_every_rank(self.comm, WORK):
-            psi = self._combined({name: value for name, (value, _) in values.items()})
+            psi = self._combined(psi_of_cases)
         return psi, {
             name: LoadCaseEvaluation(
-                value, responses[name].simulated, bounds, cache=responses[name].cache
+                psi_of_cases[name],
+                responses[name].simulated,
+                constraints[name],
+                cache=responses[name].cache,
             )
-            for name, (value, bounds) in values.items()
+            for name in self.load_cases
         }
 
     def _label(self, case: str, label: str) -> str:

@@ -30,7 +30,7 @@ from .integrals import volume_integrals
 
 @dataclass(frozen=True)
 class NodalDomain:
-    """The interface of a domain for frames and reductions, for nodes without a mesh."""
+    """Nodes without a mesh, in the place of a `Domain`: what frames and reductions ask it for."""
 
     comm: MPI.Comm
     interfaces: dict[str, Interface]

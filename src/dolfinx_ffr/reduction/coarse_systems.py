@@ -55,10 +55,14 @@ class NestedBoxes:
         return matrix
 
     def levels(self, finest: PETSc.Mat) -> list[tuple[PETSc.Mat, PETSc.Mat]]:
-        """Matrices above the coarsest, upwards, and for each what interpolates to it."""
-        matrices, old = [finest], self._coarse
+        """Pairs of a level's matrix and of the interpolation to it from the next coarser level.
+
+        They begin with the second coarsest level and end with the ``finest`` matrix; the coarsest
+        one is factored for `solve`.
+        """
+        matrices, reusable = [finest], self._coarse
         for k, interpolation in enumerate(self._interpolations):
-            matrices.append(matrices[-1].ptap(interpolation, old[k] if old else None))
+            matrices.append(matrices[-1].ptap(interpolation, reusable[k] if reusable else None))
         self._coarse = matrices[1:]
         self._factor.factor(matrices[-1])
         return list(zip(matrices[:-1], self._interpolations, strict=True))[::-1]

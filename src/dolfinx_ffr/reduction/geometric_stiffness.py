@@ -233,9 +233,12 @@ class GeometricStiffening:
     def _bars(self, bar: VolumeIntegrals) -> list[Array]:
         """The derivatives by the matrices K_b and T_Pd, (r, r) each, in the order of the u_b."""
         r, d = bar.modes, self.elasticity.dimension
-        none = {load: np.zeros((*shape, r, r)) for load, shape in self._shapes.items()}
+        # by a load that is left out the derivative is zero
+        zeros = {load: np.zeros((*shape, r, r)) for load, shape in self._shapes.items()}
+        by_load = zeros | bar.stiffening
+
         matrices = [np.zeros((0, r, r))]
-        matrices += [(none | bar.stiffening)[load].reshape(-1, r, r) for load in self._inertia]
+        matrices += [by_load[load].reshape(-1, r, r) for load in self._inertia]
         for name in [*self._interfaces, *self._markers]:
             of_marker = bar.markers[name].stiffening
             matrices.append(np.zeros((d, r, r)) if of_marker is None else of_marker)

@@ -119,12 +119,18 @@ class KrylovSpace:
         return np.asarray(np.linalg.norm(self.coupling @ coefficients, axis=0))
 
     def join(self, fields: Block) -> Array:
-        """Add ``fields`` (dofs, b) to the last block; their coefficients in it, (its fields, b)."""
+        """Add ``fields`` (dofs, b) to the last block.
+
+        Returned are their coefficients in that block, shape (its fields, b).
+        """
         along_last = self._factored.elasticity.inner(self.mass_last, fields)
         return np.vstack([along_last, self._append(fields.copy(order="F"), 0.0)])
 
     def grow(self, image: Block | None = None) -> None:
-        """Apply K^-1 M to the last block, and add what is new; the ``image`` may be there."""
+        """Apply K^-1 M to the last block, and add a block of what leaves the space.
+
+        The ``image``, K^-1 M times the last block, is computed if it is not given.
+        """
         second_to_last, begin, size = self._before, self._last, self.size
         masses = self.mass_last
         image = self._factored.solve(masses) if image is None else image
@@ -140,14 +146,23 @@ class KrylovSpace:
         self._projected[begin:size, size:] = coupling.T
 
     def _append(self, remainder: Block, scale: float, floor: float = 0.0) -> Array:
-        """Add an M-orthonormal basis of fields as the last block; their coefficients in it.
+        """Add a block: an M-orthonormal basis of what fields have outside of the space so far.
 
-        The ``remainder`` (dofs, b), column by column, of fields of norm ``scale`` is changed.
+        Directions whose norm by mass is round-off of ``scale``, or below ``floor``, are left out.
+
+        Args:
+            remainder: The fields (dofs, b), column by column in memory; it is overwritten. Parts in
+                the last blocks may have been subtracted.
+            scale: Largest norm by mass of these parts.
+            floor: Norm below which a direction is left out.
+
+        Returns:
+            Coefficients of the ``remainder`` in the new block, shape (its fields, b).
         """
         elasticity, mass = self._factored.elasticity, self._factored.clamped.mass
         coefficients = [np.zeros((0, remainder.shape[1]))]
         for _ in range(BASIS.looks):
-            # round-off along what is there would grow
+            # round-off along the fields of the space would grow
             if self._without is not None:
                 fields, masses = self._without
                 _subtract(remainder, fields, elasticity.inner(masses, remainder))
@@ -169,7 +184,10 @@ class KrylovSpace:
         return np.vstack(coefficients)
 
     def _directions(self, image: Block, remainder: Block, floor: float) -> tuple[NDArray[Any], ...]:
-        """Products of fields by mass, their eigenvalues and -vectors, and which are taken."""
+        """Gram matrix of fields by mass, its eigenvalues and eigenvectors, and a mask of these.
+
+        The mask has the directions that are clear of round-off, with a norm above ``floor``.
+        """
         elasticity = self._factored.elasticity
         gram = symmetric(elasticity.inner(remainder, image))
         # all ranks must take the same directions
@@ -178,7 +196,7 @@ class KrylovSpace:
         return gram, shares, directions, shares > max(BASIS.clear**2 * shares[-1], floor**2)
 
     def _store(self, remainder: Block, factors: Array) -> Block:
-        """Add combinations of fields; the combinations."""
+        """Add the combinations of fields by ``factors`` (b, k) to the basis, and return them."""
         begin, size = self.size, self.size + factors.shape[1]
         if size > self._basis.shape[1]:
             self._basis = _longer(self._basis, begin, 2 * size)

@@ -123,15 +123,23 @@ def _cells_at(domain: Domain, point: Array) -> list[tuple[int, Array]]:
 def _shape_functions(
     domain: Domain, cell: int, reference: Array
 ) -> tuple[Array, Array, tuple[Array, Array]]:
-    """Shape functions (n,) and gradients (d, n) in a cell, of displacements and of geometry."""
+    """Shape functions (n,) and gradients (d, n) at a point of a cell, and those of the geometry.
+
+    The first two are of displacements; the ``reference`` (d,) is the point in the reference cell.
+    """
     kind = getattr(basix.CellType, domain.cell)
     gll = basix.LagrangeVariant.gll_warped
-    displacements = basix.create_element(basix.ElementFamily.P, kind, domain.order, gll)
-    geometry, table = (
+    displacement_element = basix.create_element(basix.ElementFamily.P, kind, domain.order, gll)
+    geometry_element = _compat.geometry_element(domain.mesh)
+    # values and derivatives in the reference cell, (1 + d, n) each
+    geometry, displacements = (
         np.asarray(element.tabulate(1, reference[None, :])).reshape(1 + domain.dimension, -1)
-        for element in (_compat.geometry_element(domain.mesh), displacements)
+        for element in (geometry_element, displacement_element)
     )
-    x = domain.mesh.geometry.x[_compat.cell_geometry(domain.mesh)[cell]][:, : domain.dimension]
+
+    nodes = _compat.cell_geometry(domain.mesh)[cell]
+    x = domain.mesh.geometry.x[nodes][:, : domain.dimension]
     jacobian = x.T @ geometry[1:].T
-    slopes = np.linalg.solve(jacobian.T, geometry[1:])
-    return table[0], np.linalg.solve(jacobian.T, table[1:]), (geometry[0], slopes)
+    geometry_gradients = np.linalg.solve(jacobian.T, geometry[1:])
+    displacement_gradients = np.linalg.solve(jacobian.T, displacements[1:])
+    return displacements[0], displacement_gradients, (geometry[0], geometry_gradients)

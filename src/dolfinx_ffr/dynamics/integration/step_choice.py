@@ -419,7 +419,10 @@ def _agreement(
 
 
 def _newest_first(numbers: list[Array | None]) -> list[Array]:
-    """The numbers since the last steps with which there was no trajectory."""
+    """The ``numbers`` of the shortest steps first, up to steps that gave no trajectory.
+
+    The argument begins with the longest steps; None stands for no trajectory.
+    """
     newest: list[Array] = []
     for values in reversed(numbers):
         if values is None:

@@ -61,9 +61,9 @@ class Lowering:
     forces: dict[str, list[int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Begin with nothing."""
+        """Begin without vectors, rows and loads."""
         self._vectors: list[BodyVector] = []
-        #: Those of the twin in the same places
+        #: Vectors of the twin mechanism in the same places
         self._twins: list[BodyVector] = []
         self._prescribed: list[tuple[BodyVector, str]] = []
         self._slots: dict[int, int] = {}

@@ -570,7 +570,10 @@ def rows_pullback(model: Arrays, eq: Equations, work: Work, instant: int) -> Non
 
 @kernel
 def point_pullback(model: Arrays, work: Work, i: int, factor: float, values: Matrix) -> None:
-    """Subtract the derivative of factor times a row POINT of values by its normal and ratio."""
+    """Subtract the derivative of factor times row i by its normal and ratio; kind POINT.
+
+    The row is n . (a - ratio b - (1 - ratio) c), a, b, c being values of its vectors.
+    """
     a, b, ratio = values[model.side[i, 0]], values[model.side[i, 1]], model.ratio[i]
     for k in range(model.d):
         work.normal_bars[i, k] -= factor * (a[k] - ratio * b[k])

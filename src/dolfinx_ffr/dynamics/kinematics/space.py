@@ -147,7 +147,7 @@ class SpaceArrays(Arrays):
         return out
 
     def rotation_bar(self, bars: Mapping[int, Array], modes: int) -> Array:
-        """Derivative by the rotation of a marker, (modes,) or (3, modes).
+        """Derivative by the rotation shapes of a marker, (3, modes); in the plane (modes,).
 
         The mapping ``bars`` has, by number e of a direction or spin of the marker, the derivative
         by the shapes of this vector, (3, modes).

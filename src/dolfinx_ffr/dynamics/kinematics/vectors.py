@@ -24,7 +24,10 @@ from .arrays import ACCELERATION, OF_POINT, PLACE, SHIFT, VELOCITY, Arrays, Work
 
 @kernel
 def place_vectors(model: Arrays, eq: Equations, work: Work, instant: int) -> None:
-    """Values and velocities of all vectors at an instant, and their derivatives."""
+    """Values and velocities of all vectors at an instant, and their derivatives.
+
+    Kinds of vectors from model.own on exist in the plane, or in space, alone.
+    """
     for b in range(model.first.size):
         model.place_body(model, eq, work, b)
     for e in range(model.vector_body.size):
@@ -310,25 +313,32 @@ def bend_pullback(
     eq: Equations,
     work: Work,
     e: int,
-    s: Vector,
-    u: Vector,
-    f: Vector,
-    a: Vector,
+    c_bar: Vector,
+    cv_bar: Vector,
+    adjoint_bar: Vector,
+    w_bar: Vector,
 ) -> None:
-    """Share of geometric stiffness in vector_pullback.
+    """Share of the geometric stiffness T of vector e in vector_pullback.
 
-    s and u are the derivatives with respect to c and cv, f and a those with respect to B adj and
-    B w - v . T v.
+    The bars are derivatives with respect to c, cv, B adj and B w - v . T v, of shape (d,) each.
     """
     b, T = model.vector_body[e], model.vector_stiffening[model.vector_stiffened[e]]
-    t, n, out = model.first[b] + model.rigid, model.modes[b], work.vector_bars
+    first, n, out = model.first[b] + model.rigid, model.modes[b], work.vector_bars
     y, v, w, adj = eq.y, eq.v, eq.w, eq.adjoint
     for k in range(model.d):
         for j in range(n):
-            eq.v_bar[t + j] -= 2.0 * a[k] * work.bend[e, k, j]
-            q = 0.5 * s[k] * y[t + j] + u[k] * v[t + j] + a[k] * w[t + j] + f[k] * adj[t + j]
+            eq.v_bar[first + j] -= 2.0 * w_bar[k] * work.bend[e, k, j]
+            row_bar = (
+                0.5 * c_bar[k] * y[first + j]
+                + cv_bar[k] * v[first + j]
+                + w_bar[k] * w[first + j]
+                + adjoint_bar[k] * adj[first + j]
+            )
             for i in range(n):
-                work.gather[t + j] -= T[k, j, i] * (
-                    f[k] * adj[t + i] + u[k] * v[t + i] + a[k] * w[t + i]
+                work.gather[first + j] -= T[k, j, i] * (
+                    adjoint_bar[k] * adj[first + i]
+                    + cv_bar[k] * v[first + i]
+                    + w_bar[k] * w[first + i]
                 )
-                out[e, model.d + k * n + j, i + 1] -= q * y[t + i] + a[k] * v[t + j] * v[t + i]
+                by_T = row_bar * y[first + i] + w_bar[k] * v[first + j] * v[first + i]
+                out[e, model.d + k * n + j, i + 1] -= by_T
